@@ -1,0 +1,3 @@
+//! One Criterion binary, one module per stage.
+
+fn main() {}

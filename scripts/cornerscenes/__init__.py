@@ -1,0 +1,1 @@
+"""Scenes for cornerbench: recipes in TOML become rendered radiance with exact truth."""

@@ -1,0 +1,55 @@
+"""Triangle meshes and the materials they carry: what an object is before any renderer sees it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+Rgb = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Material:
+    """How a surface reflects light.
+
+    Attributes
+    ----------
+    colour : Rgb
+        Diffuse reflectance, linear Rec. 709, each channel in [0, 1].
+    roughness : float or None
+        GGX roughness of a dielectric coat over the diffuse base (plastic, glaze, varnish, wet
+        leaf), in (0, 1]; `None` for a matt surface without a coat.
+    two_sided : bool
+        True for sheets such as leaves, which are seen from both sides.
+    """
+
+    colour: Rgb
+    roughness: float | None = None
+    two_sided: bool = False
+
+
+@dataclass(frozen=True)
+class Part:
+    """A triangle mesh of one material, in the frame of the object it belongs to.
+
+    Attributes
+    ----------
+    name : str
+        What it is ("leaf", "pot"), unique within the object.
+    vertices : Float[np.ndarray, "n 3"]
+        Positions [m], z up. An object stands on z = 0 around the z axis.
+    triangles : Int[np.ndarray, "m 3"]
+        Vertex indices, counter-clockwise seen from outside.
+    material : Material
+        Its one material.
+    smooth : bool
+        True where shading normals are interpolated over the mesh, False for flat facets.
+    """
+
+    name: str
+    vertices: Float[np.ndarray, "n 3"]
+    triangles: Int[np.ndarray, "m 3"]
+    material: Material
+    smooth: bool = True

@@ -1,0 +1,166 @@
+//! Planes of samples: row-major, with an explicit border rule and interpolation.
+
+use crate::geometry::ImagePoint;
+
+/// A row-major plane of samples; sample (x, y) is the value at [`ImagePoint`] (x, y).
+#[derive(Clone, Debug, PartialEq)]
+pub struct Plane<T> {
+    width: usize,
+    height: usize,
+    samples: Vec<T>,
+}
+
+impl<T: Copy> Plane<T> {
+    /// A plane of one value.
+    pub fn filled(width: usize, height: usize, value: T) -> Self {
+        Self { width, height, samples: vec![value; width * height] }
+    }
+
+    /// A plane of row-major samples.
+    ///
+    /// # Panics
+    /// When `samples` does not hold `width * height` values: a mistake of the caller's code.
+    pub fn from_samples(width: usize, height: usize, samples: Vec<T>) -> Self {
+        assert_eq!(samples.len(), width * height, "samples of a {width} x {height} plane");
+        Self { width, height, samples }
+    }
+
+    /// A plane whose sample at (x, y) is `value(x, y)`.
+    pub fn from_fn(width: usize, height: usize, mut value: impl FnMut(usize, usize) -> T) -> Self {
+        let mut samples = Vec::with_capacity(width * height);
+        for y in 0..height {
+            samples.extend((0..width).map(|x| value(x, y)));
+        }
+        Self { width, height, samples }
+    }
+
+    /// Columns.
+    pub fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Rows.
+    pub fn height(&self) -> usize {
+        self.height
+    }
+
+    /// All samples, row by row.
+    pub fn samples(&self) -> &[T] {
+        &self.samples
+    }
+
+    /// All samples, row by row, for writing.
+    pub fn samples_mut(&mut self) -> &mut [T] {
+        &mut self.samples
+    }
+
+    /// One row.
+    pub fn row(&self, y: usize) -> &[T] {
+        &self.samples[y * self.width..(y + 1) * self.width]
+    }
+
+    /// One row, for writing.
+    pub fn row_mut(&mut self, y: usize) -> &mut [T] {
+        &mut self.samples[y * self.width..(y + 1) * self.width]
+    }
+
+    /// The sample at (x, y).
+    pub fn at(&self, x: usize, y: usize) -> T {
+        self.samples[y * self.width + x]
+    }
+
+    /// The sample at (x, y), the border pixels continued outwards.
+    pub fn at_replicated(&self, x: isize, y: isize) -> T {
+        let x = x.clamp(0, self.width.cast_signed() - 1).cast_unsigned();
+        let y = y.clamp(0, self.height.cast_signed() - 1).cast_unsigned();
+        self.at(x, y)
+    }
+
+    /// The plane of `f` of every sample.
+    pub fn map<U>(&self, f: impl FnMut(T) -> U) -> Plane<U> {
+        Plane {
+            width: self.width,
+            height: self.height,
+            samples: self.samples.iter().copied().map(f).collect(),
+        }
+    }
+
+    /// The sub-plane of `window`, which must lie inside.
+    pub fn crop(&self, window: PixelRange) -> Self {
+        let mut samples = Vec::with_capacity(window.width() * window.height());
+        for y in window.y0..window.y1 {
+            samples.extend_from_slice(&self.row(y)[window.x0..window.x1]);
+        }
+        Self { width: window.width(), height: window.height(), samples }
+    }
+}
+
+impl Plane<f32> {
+    /// Bilinear interpolation at `point`, the border pixels continued outwards.
+    pub fn bilinear(&self, point: ImagePoint) -> f64 {
+        let (x0, y0) = (point.x.floor(), point.y.floor());
+        let (fx, fy) = (point.x - x0, point.y - y0);
+        #[allow(clippy::cast_possible_truncation, reason = "saturates, then clamps to the border")]
+        let (x, y) = (x0 as isize, y0 as isize);
+        let at = |dx, dy| f64::from(self.at_replicated(x.saturating_add(dx), y.saturating_add(dy)));
+        (1.0 - fy) * ((1.0 - fx) * at(0, 0) + fx * at(1, 0))
+            + fy * ((1.0 - fx) * at(0, 1) + fx * at(1, 1))
+    }
+}
+
+/// A half-open rectangle of pixels: columns `x0..x1`, rows `y0..y1`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PixelRange {
+    /// First column.
+    pub x0: usize,
+    /// First row.
+    pub y0: usize,
+    /// One past the last column.
+    pub x1: usize,
+    /// One past the last row.
+    pub y1: usize,
+}
+
+impl PixelRange {
+    /// Columns.
+    pub fn width(&self) -> usize {
+        self.x1 - self.x0
+    }
+
+    /// Rows.
+    pub fn height(&self) -> usize {
+        self.y1 - self.y0
+    }
+
+    /// Grown by `margin` on every side, kept inside a `width` x `height` image.
+    #[must_use]
+    pub fn grown(&self, margin: usize, width: usize, height: usize) -> Self {
+        Self {
+            x0: self.x0.saturating_sub(margin),
+            y0: self.y0.saturating_sub(margin),
+            x1: (self.x1 + margin).min(width),
+            y1: (self.y1 + margin).min(height),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bilinear_is_exact_on_a_ramp_and_replicates_the_border() {
+        #[allow(clippy::cast_precision_loss, reason = "small numbers")]
+        let plane = Plane::from_fn(5, 4, |x, y| (2 * x + 3 * y) as f32);
+        assert!((plane.bilinear(ImagePoint::new(1.25, 2.5)) - 10.0).abs() < 1e-12);
+        assert!((plane.bilinear(ImagePoint::new(-3.0, 0.0)) - 0.0).abs() < 1e-12);
+        assert!((plane.bilinear(ImagePoint::new(9.0, 9.0)) - 17.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn crop_keeps_the_samples_of_the_window() {
+        let plane = Plane::from_fn(5, 4, |x, y| 10 * y + x);
+        let cropped = plane.crop(PixelRange { x0: 1, y0: 2, x1: 3, y1: 4 });
+        assert_eq!(cropped.samples(), [21, 22, 31, 32]);
+    }
+}

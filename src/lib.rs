@@ -1,0 +1,19 @@
+//! cornerbench: how good is a sub-pixel corner, really, and what does it buy a robot that has to
+//! grasp?
+//!
+//! Mitsuba renders occluded red-cuboid scenes with exact truth; this library photographs them, runs
+//! corner algorithms over the photographs and reports how far each corner and each grasp point is
+//! from the truth. Data flows one way: [`scene`] -> [`sensor`] -> [`target`] -> [`detect`] ->
+//! [`refine`] -> [`grasp`].
+
+pub mod detect;
+pub mod error;
+pub mod geometry;
+pub mod grasp;
+pub mod image;
+pub mod refine;
+pub mod registry;
+pub mod scene;
+pub mod sensor;
+pub mod stats;
+pub mod target;

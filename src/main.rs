@@ -1,0 +1,3 @@
+//! The `cornerbench` command.
+
+fn main() {}

@@ -1,0 +1,68 @@
+//! From corner candidates to sub-pixel corners.
+
+use nalgebra::Matrix2;
+
+use crate::detect::Detection;
+use crate::geometry::ImagePoint;
+use crate::registry::Entry;
+use crate::sensor::Exposure;
+
+pub mod corner_sub_pix;
+pub mod none;
+
+/// What became of one candidate.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RefineStatus {
+    /// Converged.
+    Ok,
+    /// Stopped at the last allowed iteration, not yet converged; the position is the last one.
+    MaxIterations,
+    /// The answer lay too far from the seed and was given up; the position is the seed.
+    Reverted,
+    /// The equations are singular (no gradient, or one direction only); the position is the seed.
+    Singular,
+    /// The window leaves the image; the position is the seed.
+    OutOfBounds,
+}
+
+impl RefineStatus {
+    /// The name used in records.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Ok => "ok",
+            Self::MaxIterations => "max_iterations",
+            Self::Reverted => "reverted",
+            Self::Singular => "singular",
+            Self::OutOfBounds => "out_of_bounds",
+        }
+    }
+
+    /// Whether the position is an answer of the refiner, not its seed.
+    pub fn answered(self) -> bool {
+        matches!(self, Self::Ok | Self::MaxIterations)
+    }
+}
+
+/// A refined corner.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Corner {
+    /// The candidate it came from.
+    pub seed: Detection,
+    /// The refined position; the seed's own where the status says so.
+    pub position: ImagePoint,
+    /// Covariance of the position \[px^2\], where the method has one.
+    pub covariance_px2: Option<Matrix2<f64>>,
+    /// Iterations taken.
+    pub iterations: u32,
+    /// What became of the candidate.
+    pub status: RefineStatus,
+}
+
+/// Moves candidates to their sub-pixel positions.
+pub trait Refiner: Send + Sync {
+    /// Refines the candidates of one exposure; answer i belongs to seed i, always.
+    fn refine(&self, exposure: &Exposure, seeds: &[Detection]) -> Vec<Corner>;
+}
+
+/// Every refiner that a plan can name, in alphabetical order.
+pub const REFINERS: &[Entry<dyn Refiner>] = &[corner_sub_pix::ENTRY, none::ENTRY];
