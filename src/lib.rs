@@ -13,6 +13,7 @@ pub mod grasp;
 pub mod image;
 pub mod refine;
 pub mod registry;
+pub mod record;
 pub mod scene;
 pub mod sensor;
 pub mod stats;

@@ -1,5 +1,16 @@
 //! A rendered scene on disk: manifest, truth, film, geometry buffers, integrity.
+//!
+//! The files are described in `scenes/FORMAT.md`.
 
+mod dataset;
+mod description;
 mod film;
+mod geometry;
+mod layers;
+mod truth;
 
+pub use dataset::{Dataset, FORMAT, Renderer, Scene, sha256_hex};
+pub use description::{Description, FilmDescription, TargetDescription};
 pub use film::Film;
+pub use geometry::{Geometry, NO_FACE};
+pub use truth::{TrueCorner, TrueEdge, TrueFace, Truth, Visibility, polygon_area_px2};

@@ -8,9 +8,10 @@ import numpy as np
 from jaxtyping import Float
 
 from ..shape import Material, Part, Rgb
+from .blob import evaluate
 from .dog_pose import Pose, sitting, standing
-from .implicit import evaluate, meshed, onto_surface, slope
-from .mesh import Mesh, finished, merged, split_by_field
+from .implicit import meshed, onto_surface, slope
+from .mesh import Mesh, finished, merged, part, split_by_field
 from .sweep import lathe, smooth_curve, tube
 
 # Edge of the meshing grid, in the unit of the poses.
@@ -36,13 +37,16 @@ class Coat:
 COATS = (
     Coat((0.37, 0.235, 0.125), (0.70, 0.67, 0.61), (0.035, 0.031, 0.028), (0.26, 0.165, 0.09)),
     Coat((0.58, 0.43, 0.26), (0.68, 0.56, 0.40), (0.50, 0.355, 0.20), (0.43, 0.295, 0.16)),
-    Coat((0.64, 0.61, 0.55), (0.70, 0.67, 0.61), (0.10, 0.066, 0.043), (0.085, 0.056, 0.037)),
+    Coat((0.125, 0.083, 0.054), (0.70, 0.67, 0.61), (0.105, 0.07, 0.046), (0.085, 0.056, 0.037)),
 )
 COLLARS: tuple[Rgb, ...] = ((0.03, 0.12, 0.42), (0.03, 0.22, 0.20), (0.05, 0.05, 0.06))
 
 
-def _ball(centre: Float[np.ndarray, "3"], half: tuple[float, float, float],
-          turn: Float[np.ndarray, "3 3"]) -> Mesh:
+def _ball(
+    centre: Float[np.ndarray, " 3"],
+    half: tuple[float, float, float],
+    turn: Float[np.ndarray, "3 3"],
+) -> Mesh:
     """Make a turned ellipsoid."""
     latitude = np.linspace(-np.pi / 2, np.pi / 2, 13)
     line = np.stack([np.cos(latitude), np.sin(latitude)], axis=1)
@@ -57,16 +61,27 @@ def _ears(pose: Pose, generator: np.random.Generator) -> Mesh:
     for side in (-1, 1):
         out, forward = generator.uniform(-0.002, 0.010), generator.uniform(-0.008, 0.008)
         path = smooth_curve(
-            [(-0.014, 0.034 * side, 0.036), (-0.012, 0.052 * side, 0.038),
-             (-0.004 + forward, 0.069 * side, 0.018),
-             (0.004 + forward, (0.073 + out * 0.6) * side, -0.025),
-             (0.010 + forward, (0.073 + out) * side, -0.068),
-             (0.014 + forward, (0.072 + out) * side, -0.094)], 28)
+            [
+                (-0.014, 0.034 * side, 0.036),
+                (-0.012, 0.052 * side, 0.038),
+                (-0.004 + forward, 0.069 * side, 0.018),
+                (0.004 + forward, (0.073 + out * 0.6) * side, -0.025),
+                (0.010 + forward, (0.073 + out) * side, -0.068),
+                (0.014 + forward, (0.072 + out) * side, -0.094),
+            ],
+            28,
+        )
         wide = smooth_curve([(0.022,), (0.030,), (0.037,), (0.043,), (0.036,), (0.004,)], 28)
         # The outline of the tip is round: the last stretch narrows as the root of the rest.
         thick = smooth_curve([(0.010,), (0.010,), (0.008,), (0.007,), (0.006,), (0.003,)], 28)
-        ears.append(tube(path, np.concatenate([np.maximum(wide, 0.003), thick], axis=1), 20,
-                         up=(1.0, 0.0, 0.12)))
+        ears.append(
+            tube(
+                path,
+                np.concatenate([np.maximum(wide, 0.003), thick], axis=1),
+                20,
+                up=(1.0, 0.0, 0.12),
+            )
+        )
     return merged(ears).moved(pose.head, pose.turn)
 
 
@@ -90,8 +105,9 @@ def _collar(pose: Pose) -> tuple[Mesh, Mesh]:
     out = (low - middle) / np.linalg.norm(low - middle)
     disc = lathe([(0, -0.0015), (0.0125, -0.0015), (0.014, 0), (0.0125, 0.0015), (0, 0.0015)], 24)
     down = np.cross(across, out)
-    tag = disc.moved(low + 0.005 * out - 0.022 * down * np.sign(down[2]),
-                     np.stack([across, down, out], axis=1))
+    tag = disc.moved(
+        low + 0.005 * out - 0.022 * down * np.sign(down[2]), np.stack([down, across, out], axis=1)
+    )
     return strap, tag
 
 
@@ -99,16 +115,27 @@ def _mouth(pose: Pose) -> Mesh:
     """Draw the line of the lips on the muzzle, and the groove below the nose."""
     lines = []
     for side in (-1, 1):
-        guide = smooth_curve([(0.158, 0.004 * side, -0.046), (0.145, 0.022 * side, -0.056),
-                              (0.115, 0.036 * side, -0.064), (0.075, 0.045 * side, -0.060),
-                              (0.055, 0.052 * side, -0.052)], 26)
-        lines.append((guide, smooth_curve([(0.0022,), (0.0026,), (0.0026,), (0.002,), (0.001,)],
-                                          26)))
-    lines.append((smooth_curve([(0.162, 0, -0.022), (0.164, 0, -0.046)], 8),
-                  np.full((8, 1), 0.0018)))
+        guide = smooth_curve(
+            [
+                (0.150, 0.003 * side, -0.046),
+                (0.145, 0.022 * side, -0.056),
+                (0.115, 0.036 * side, -0.064),
+                (0.075, 0.045 * side, -0.060),
+                (0.055, 0.052 * side, -0.052),
+            ],
+            26,
+        )
+        lines.append(
+            (guide, smooth_curve([(0.0018,), (0.0022,), (0.0022,), (0.0018,), (0.001,)], 26))
+        )
+    lines.append(
+        (smooth_curve([(0.162, 0, -0.018), (0.158, 0, -0.042)], 8), np.full((8, 1), 0.0016))
+    )
     tubes = []
     for guide, radii in lines:
         points = onto_surface(pose.body, pose.head + guide @ pose.turn.T, 0.01, 6)
+        # Half sunk into the skin, the lines look drawn, not laid on.
+        points = points - 0.0006 * slope(pose.body, points, 0.004)[1]
         tubes.append(tube(points, radii[:, 0], 6))
     return merged(tubes)
 
@@ -142,35 +169,33 @@ def _dog(pose: Pose, generator: np.random.Generator, height_m: float) -> tuple[P
     def edge(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
         # Patches of a coat have wavy edges.
         x, y, z = points.T
-        return 0.007 * (np.sin(31 * x + wave[0]) * np.sin(37 * z + wave[1])
-                        + np.sin(43 * y + 20 * x + wave[2])
-                        + 0.5 * np.sin(89 * z - 60 * x + wave[3]) * np.sin(81 * y + wave[4]))
+        return 0.005 * (
+            np.sin(31 * x + wave[0]) * np.sin(37 * z + wave[1])
+            + np.sin(43 * y + 20 * x + wave[2])
+            + 0.5 * np.sin(89 * z - 60 * x + wave[3]) * np.sin(81 * y + wave[4])
+        )
 
     light, rest = split_by_field(skin, -evaluate(pose.light, skin.vertices) + edge(skin.vertices))
     dark, base = split_by_field(rest, -evaluate(pose.dark, rest.vertices) + edge(rest.vertices))
     strap, tag = _collar(pose)
     eyes, lids = _eyes(pose)
-    nose = _ball(pose.head + pose.turn @ np.array([0.151, 0, -0.008]), (0.0155, 0.0195, 0.0135),
-                 pose.turn)
+    nose = _ball(
+        pose.head + pose.turn @ np.array([0.151, 0, -0.008]), (0.0155, 0.0195, 0.0135), pose.turn
+    )
     black = Material((0.018, 0.017, 0.017), roughness=0.3)
     parts = [
-        _part("flanks", base, Material(coat.base)),
-        _part("belly and feet", light, Material(coat.light)),
-        _part("back", dark, Material(coat.dark)),
-        _part("ears", _ears(pose, generator), Material(coat.ear)),
-        _part("nose", nose, black),
-        _part("eyes", eyes, Material((0.022, 0.016, 0.012), roughness=0.08)),
-        _part("lids", lids, Material((0.02, 0.018, 0.016))),
-        _part("lips", _mouth(pose), Material((0.02, 0.018, 0.016))),
-        _part("collar", strap, Material(collar, roughness=0.35)),
-        _part("tag", tag, Material((0.55, 0.46, 0.24), roughness=0.25)),
+        part("flanks", base, Material(coat.base)),
+        part("belly and feet", light, Material(coat.light)),
+        part("back", dark, Material(coat.dark)),
+        part("ears", _ears(pose, generator), Material(coat.ear)),
+        part("nose", nose, black),
+        part("eyes", eyes, Material((0.022, 0.016, 0.012), roughness=0.08)),
+        part("lids", lids, Material((0.02, 0.018, 0.016))),
+        part("lips", _mouth(pose), Material((0.02, 0.018, 0.016))),
+        part("collar", strap, Material(collar, roughness=0.35)),
+        part("tag", tag, Material((0.55, 0.46, 0.24), roughness=0.25)),
     ]
     return finished(parts, height_m, centre=True)
-
-
-def _part(name: str, mesh: Mesh, material: Material) -> Part:
-    """Name a mesh."""
-    return Part(name, mesh.vertices, mesh.triangles, material)
 
 
 def standing_dog(generator: np.random.Generator, height_m: float) -> tuple[Part, ...]:
@@ -181,7 +206,7 @@ def standing_dog(generator: np.random.Generator, height_m: float) -> tuple[Part,
     generator : np.random.Generator
         Chooses stride, gaze, tail and coat.
     height_m : float
-        Height of the top of the head [m].
+        Overall height, floor to the highest point [m].
 
     Returns
     -------
@@ -199,7 +224,7 @@ def sitting_dog(generator: np.random.Generator, height_m: float) -> tuple[Part, 
     generator : np.random.Generator
         Chooses gaze, side of the tail and coat.
     height_m : float
-        Height of the top of the head [m].
+        Overall height, floor to the highest point [m].
 
     Returns
     -------

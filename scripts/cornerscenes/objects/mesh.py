@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from ..shape import Part
+from ..shape import Material, Part
 
 # Triangles below this area [m^2] carry no light and upset normal computation: they are dropped.
 SMALLEST_AREA_M2 = 4e-12
@@ -33,7 +33,7 @@ class Mesh:
 
     def moved(
         self,
-        shift: Sequence[float] | Float[np.ndarray, "3"] = (0.0, 0.0, 0.0),
+        shift: Sequence[float] | Float[np.ndarray, " 3"] = (0.0, 0.0, 0.0),
         turn: Float[np.ndarray, "3 3"] | None = None,
     ) -> Mesh:
         """Return the mesh turned about the origin and then shifted.
@@ -145,8 +145,9 @@ def creased(mesh: Mesh, angle_deg: float = 40.0) -> Mesh:
     # Twins run in opposite directions: the start of one is the same vertex as the end of the other.
     same = start[one] == end[two]
     rows = np.concatenate([one, following(one)])
-    columns = np.concatenate([np.where(same, following(two), two),
-                              np.where(same, two, following(two))])
+    columns = np.concatenate(
+        [np.where(same, following(two), two), np.where(same, two, following(two))]
+    )
     graph = coo_matrix((np.ones(len(rows)), (rows, columns)), shape=(3 * count, 3 * count))
     _, label = connected_components(graph, directed=False)
     _, first, numbers = np.unique(label, return_index=True, return_inverse=True)
@@ -186,30 +187,38 @@ def split_by_field(mesh: Mesh, field: Float[np.ndarray, " n"]) -> tuple[Mesh, Me
     vertices = np.concatenate([mesh.vertices, ends[:, 0] * (1 - part) + ends[:, 1] * part])
     place = place.reshape(2, -1) + len(mesh.vertices)
     tip = np.stack([cut[:, 0], place[0], place[1]], axis=1)
-    base = np.concatenate([np.stack([place[0], cut[:, 1], cut[:, 2]], axis=1),
-                           np.stack([place[0], cut[:, 2], place[1]], axis=1)])
+    base = np.concatenate(
+        [
+            np.stack([place[0], cut[:, 1], cut[:, 2]], axis=1),
+            np.stack([place[0], cut[:, 2], place[1]], axis=1),
+        ]
+    )
     both = np.concatenate([odd_sign, odd_sign])
     inside = np.concatenate([triangles[count == 3], tip[odd_sign], base[~both]])
     outside = np.concatenate([triangles[count == 0], tip[~odd_sign], base[both]])
     return compact(Mesh(vertices, inside)), compact(Mesh(vertices, outside))
 
 
-def part_of(mesh: Mesh, like: Part) -> Part:
+def part(name: str, mesh: Mesh, material: Material, smooth: bool = True) -> Part:
     """Make a part out of a mesh.
 
     Parameters
     ----------
+    name : str
+        What it is, unique within its object.
     mesh : Mesh
         Its surface.
-    like : Part
-        Where the name, the material and the shading come from.
+    material : Material
+        Its material.
+    smooth : bool
+        False to shade its facets flat.
 
     Returns
     -------
     Part
         The part.
     """
-    return replace(like, vertices=mesh.vertices, triangles=mesh.triangles)
+    return Part(name, mesh.vertices, mesh.triangles, material, smooth)
 
 
 def finished(parts: Sequence[Part], height_m: float, centre: bool = False) -> tuple[Part, ...]:
@@ -230,16 +239,16 @@ def finished(parts: Sequence[Part], height_m: float, centre: bool = False) -> tu
         The object in metres, from z = 0 to z = height_m, without degenerate triangles or empty
         parts.
     """
-    everything = np.concatenate([part.vertices for part in parts])
+    everything = np.concatenate([piece.vertices for piece in parts])
     low, high = everything.min(axis=0), everything.max(axis=0)
     origin = np.array([0.0, 0.0, low[2]])
     if centre:
         origin[:2] = (low[:2] + high[:2]) / 2
     scale = height_m / (high[2] - low[2])
     result = []
-    for part in parts:
-        mesh = Mesh((part.vertices - origin) * scale, part.triangles)
+    for piece in parts:
+        mesh = Mesh((piece.vertices - origin) * scale, piece.triangles)
         mesh = Mesh(mesh.vertices, mesh.triangles[areas(mesh) > SMALLEST_AREA_M2])
         if len(mesh.triangles):
-            result.append(part_of(compact(mesh), part))
+            result.append(part(piece.name, compact(mesh), piece.material, piece.smooth))
     return tuple(result)

@@ -1,0 +1,256 @@
+//! Record: one flat, versioned row; the only thing reports read.
+//!
+//! The columns are described in `scenes/FORMAT.md`. A value that does not apply is null, never NaN.
+
+use std::fs::File;
+use std::path::Path;
+use std::sync::Arc;
+
+use parquet::file::properties::WriterProperties;
+use parquet::file::reader::{FileReader, SerializedFileReader};
+use parquet::file::writer::SerializedFileWriter;
+use parquet::record::RecordWriter;
+use parquet_derive::ParquetRecordWriter;
+use serde::{Deserialize, Serialize};
+
+use crate::error::{Error, Result};
+use crate::geometry::ImagePoint;
+
+/// Version of the columns.
+pub const RECORD_VERSION: i32 = 1;
+
+/// What a row is about: the words of column `kind`.
+pub mod kind {
+    /// One vertex of the target.
+    pub const CORNER: &str = "corner";
+    /// One answer that is no vertex of the target.
+    pub const FALSE_CORNER: &str = "false_corner";
+    /// The target region, the face and the grasp point of one exposure.
+    pub const GRASP: &str = "grasp";
+    /// A scene that could not be read.
+    pub const SCENE: &str = "scene";
+}
+
+/// What became of it: the words of column `status`.
+pub mod status {
+    /// A visible corner that was found; a grasp point that was computed; a scene that was read.
+    pub const OK: &str = "ok";
+    /// A visible corner that was not found.
+    pub const MISSED: &str = "missed";
+    /// A corner that is not visible: neither asked for nor counted.
+    pub const HIDDEN: &str = "hidden";
+    /// An answer where no corner is.
+    pub const FALSE: &str = "false";
+    /// An answer at a corner that is occluded: neither right nor wrong.
+    pub const IGNORED: &str = "ignored";
+    /// No pixel has the target's colour.
+    pub const NO_TARGET: &str = "no_target";
+    /// The target was found, no corner was.
+    pub const NO_CORNER: &str = "no_corner";
+    /// Corners were found, no face was.
+    pub const NO_FACE: &str = "no_face";
+    /// A face was chosen, the range sensor saw nothing there.
+    pub const NO_RANGE: &str = "no_range";
+    /// A file of the scene is missing, truncated or altered.
+    pub const UNREADABLE: &str = "unreadable";
+}
+
+/// One row: a scene, an exposure, a method, and a corner, a false corner or a grasp.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize, ParquetRecordWriter)]
+#[serde(deny_unknown_fields)]
+pub struct Record {
+    /// [`RECORD_VERSION`].
+    pub record_version: i32,
+    /// Version of cornerbench that measured.
+    pub cornerbench_version: String,
+    /// The suite.
+    pub suite: String,
+    /// The scene.
+    pub scene: String,
+    /// Hash of what the scene was rendered from.
+    pub scene_recipe_sha256: String,
+    /// The family the scene was drawn from.
+    pub family: String,
+    /// Name of the camera's pose.
+    pub pose: String,
+    /// Name of the camera model.
+    pub camera: String,
+    /// Name of the pipeline.
+    pub method: String,
+    /// Detector and its version: "harris 1".
+    pub detector: String,
+    /// Refiner and its version.
+    pub refiner: String,
+    /// One of [`kind`].
+    pub kind: String,
+    /// One of [`status`].
+    pub status: String,
+    /// Why, where the status alone does not say it.
+    pub reason: Option<String>,
+    /// Share of the target's image area that nothing hides.
+    pub target_visible_fraction: Option<f64>,
+
+    /// Vertex of the target, 0 to 7.
+    pub corner_index: Option<i32>,
+    /// "visible", "self-occluded", "occluded", "outside".
+    pub visibility: Option<String>,
+    /// True position \[px\].
+    pub true_x_px: Option<f64>,
+    /// True position \[px\].
+    pub true_y_px: Option<f64>,
+    /// The detector's position \[px\].
+    pub detected_x_px: Option<f64>,
+    /// The detector's position \[px\].
+    pub detected_y_px: Option<f64>,
+    /// The detector's response, in its own unit.
+    pub response: Option<f64>,
+    /// The refiner's position \[px\].
+    pub refined_x_px: Option<f64>,
+    /// The refiner's position \[px\].
+    pub refined_y_px: Option<f64>,
+    /// "ok", "max_iterations", "reverted", "singular", "out_of_bounds".
+    pub refine_status: Option<String>,
+    /// Iterations of the refiner.
+    pub iterations: Option<i32>,
+    /// Distance of the detector's position from the truth \[px\].
+    pub detected_error_px: Option<f64>,
+    /// Distance of the refiner's position from the truth \[px\].
+    pub refined_error_px: Option<f64>,
+
+    /// Answers of the method in this exposure.
+    pub answers: Option<i32>,
+    /// The true face that the chosen quadrilateral covers; null when it covers none.
+    pub chosen_face: Option<i32>,
+    /// The true face that is least occluded.
+    pub least_occluded_face: Option<i32>,
+    /// Whether the two are the same.
+    pub face_is_right: Option<bool>,
+    /// Share of the chosen face's pixels that are not the target's, as the method saw it.
+    pub face_gap_fraction: Option<f64>,
+    /// The image point whose range was looked up \[px\].
+    pub grasp_x_px: Option<f64>,
+    /// The image point whose range was looked up \[px\].
+    pub grasp_y_px: Option<f64>,
+    /// Distance of that image point from the projected centre of the true face \[px\].
+    pub grasp_image_error_px: Option<f64>,
+    /// The grasp point in the world \[m\].
+    pub grasp_world_x_m: Option<f64>,
+    /// The grasp point in the world \[m\].
+    pub grasp_world_y_m: Option<f64>,
+    /// The grasp point in the world \[m\].
+    pub grasp_world_z_m: Option<f64>,
+    /// Distance of the grasp point from the centre of the true face \[mm\]: of the chosen face, or
+    /// of the least occluded one where the quadrilateral covers none.
+    pub grasp_error_mm: Option<f64>,
+    /// Its part along the optical axis, positive when too far \[mm\].
+    pub grasp_axial_error_mm: Option<f64>,
+    /// Its part across the optical axis \[mm\].
+    pub grasp_lateral_error_mm: Option<f64>,
+}
+
+/// Writes records as one Parquet file.
+///
+/// # Errors
+/// [`Error::Io`], or [`Error::Other`] from the encoder.
+pub fn write_records(path: &Path, records: &[Record]) -> Result<()> {
+    let file = File::create(path).map_err(Error::io(path, "create"))?;
+    let failed = |error| Error::malformed(path, error);
+    let schema = records.schema().map_err(failed)?;
+    let properties = WriterProperties::builder()
+        .set_compression(parquet::basic::Compression::SNAPPY)
+        .set_created_by(concat!("cornerbench ", env!("CARGO_PKG_VERSION")).to_owned())
+        .build();
+    let mut writer =
+        SerializedFileWriter::new(file, schema, Arc::new(properties)).map_err(failed)?;
+    let mut group = writer.next_row_group().map_err(failed)?;
+    records.write_to_row_group(&mut group).map_err(failed)?;
+    group.close().map_err(failed)?;
+    writer.close().map_err(failed)?;
+    Ok(())
+}
+
+/// Reads the records of one Parquet file.
+///
+/// # Errors
+/// When the file is missing, not Parquet, or its columns are another version's.
+pub fn read_records(path: &Path) -> Result<Vec<Record>> {
+    let file = File::open(path).map_err(Error::io(path, "read"))?;
+    let failed = |error| Error::malformed(path, error);
+    let reader = SerializedFileReader::new(file).map_err(failed)?;
+    let mut records = Vec::new();
+    for row in reader.get_row_iter(None).map_err(failed)? {
+        let row = row.map_err(failed)?.to_json_value();
+        records.push(serde_json::from_value::<Record>(row).map_err(|error| {
+            Error::malformed(path, format!("row {}: {error}", records.len()))
+        })?);
+    }
+    if let Some(other) = records.iter().find(|record| record.record_version != RECORD_VERSION) {
+        let problem = format!(
+            "records of version {}, this program reads {RECORD_VERSION}; measure again",
+            other.record_version
+        );
+        return Err(Error::malformed(path, problem));
+    }
+    Ok(records)
+}
+
+/// What a report draws of one scene and method, beside its records; stands in RUN/scenes/SCENE.json.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Sketch {
+    /// The scene.
+    pub scene: String,
+    /// Size of the exposure \[px\].
+    pub width: u32,
+    /// Size of the exposure \[px\].
+    pub height: u32,
+    /// Nearest and farthest depth of the depth picture \[m\].
+    pub depth_range_m: [f64; 2],
+    /// The true cuboid's edges that face the camera, as drawn by the projection \[px\].
+    pub true_edges: Vec<[ImagePoint; 2]>,
+    /// The least occluded true face \[px\].
+    pub true_face: Option<[ImagePoint; 4]>,
+    /// The true centre of the face that the grasp was scored against \[px\].
+    pub true_grasp: Option<ImagePoint>,
+    /// The circumscribed quadrilateral \[px\].
+    pub quadrilateral: Option<[ImagePoint; 4]>,
+    /// Columns and rows of the target: first column, first row, last column, last row \[px\].
+    pub target_range: Option<[u32; 4]>,
+    /// Pixels of the target.
+    pub target_pixels: u32,
+    /// The chosen face \[px\].
+    pub face: Option<[ImagePoint; 4]>,
+    /// The image point whose range was looked up \[px\].
+    pub grasp: Option<ImagePoint>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn records_read_back_as_they_were_written_nulls_included() {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let path = folder.path().join("records.parquet");
+        let first = Record {
+            record_version: RECORD_VERSION,
+            scene: "a".into(),
+            true_x_px: Some(0.125),
+            face_is_right: Some(true),
+            ..Record::default()
+        };
+        let second =
+            Record { record_version: RECORD_VERSION, reason: Some("ü".into()), ..first.clone() };
+        let written = vec![first, second];
+        write_records(&path, &written).expect("written");
+        assert_eq!(read_records(&path).expect("read"), written);
+    }
+
+    #[test]
+    fn records_of_another_version_are_refused() {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let path = folder.path().join("records.parquet");
+        write_records(&path, &[Record { record_version: 99, ..Record::default() }]).expect("ok");
+        let error = read_records(&path).expect_err("version 99");
+        assert!(error.to_string().contains("version 99"), "{error}");
+    }
+}
