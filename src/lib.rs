@@ -8,6 +8,7 @@
 
 pub mod detect;
 pub mod error;
+pub mod filter;
 pub mod geometry;
 pub mod grasp;
 pub mod image;

@@ -1,6 +1,10 @@
 //! From an exposure to corner candidates.
 
+use std::cmp::Ordering;
+use std::ops::Range;
+
 use crate::geometry::ImagePoint;
+use crate::image::{PixelRange, Plane};
 use crate::registry::Entry;
 use crate::sensor::Exposure;
 use crate::target::TargetRegion;
@@ -25,3 +29,186 @@ pub trait Detector: Send + Sync {
 
 /// Every detector that a plan can name, in alphabetical order.
 pub const DETECTORS: &[Entry<dyn Detector>] = &[harris::ENTRY];
+
+/// The pixels that may become candidates.
+struct SearchArea {
+    /// Holds all of them.
+    range: PixelRange,
+    /// Where they lie, clockwise as seen; anywhere in the range when there is none.
+    quadrilateral: Option<[ImagePoint; 4]>,
+}
+
+impl SearchArea {
+    /// The pixels of a `width` x `height` image at least `border` pixels from its edges and, where
+    /// there is a region, inside its quadrilateral grown by `margin_px` on each side.
+    fn new(
+        [width, height]: [usize; 2],
+        border: usize,
+        region: Option<&TargetRegion>,
+        margin_px: f64,
+    ) -> Self {
+        let quadrilateral = region.map(|region| region.grown_quadrilateral(margin_px));
+        let span = |coordinate: fn(&ImagePoint) -> f64, size: usize| {
+            let (first, end) = (border, size.saturating_sub(border).max(border));
+            let Some(corners) = &quadrilateral else { return (first, end) };
+            let values = corners.iter().map(coordinate);
+            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
+            let (low, high) = (
+                values.clone().fold(f64::INFINITY, f64::min).ceil() as usize,
+                values.fold(f64::NEG_INFINITY, f64::max).floor() as usize,
+            );
+            let low = low.clamp(first, end);
+            (low, high.saturating_add(1).clamp(low, end))
+        };
+        let ((x0, x1), (y0, y1)) = (span(|p| p.x, width), span(|p| p.y, height));
+        Self { range: PixelRange { x0, y0, x1, y1 }, quadrilateral }
+    }
+
+    /// Whether the pixel at (x, y), which lies in the range, may become a candidate.
+    fn contains(&self, x: usize, y: usize) -> bool {
+        let Some(corners) = &self.quadrilateral else { return true };
+        (0..4).all(|i| {
+            let (from, to) = (corners[i], corners[(i + 1) % 4]);
+            (to.x - from.x) * (y as f64 - from.y) - (to.y - from.y) * (x as f64 - from.x) >= 0.0
+        })
+    }
+
+    /// The area's rows, from the top: each one's number and columns.
+    fn rows(&self) -> impl Iterator<Item = (usize, Range<usize>)> {
+        let PixelRange { x0, y0, x1, y1 } = self.range;
+        (y0..y1).filter_map(move |y| {
+            // Convex, so that all columns between two inside are inside.
+            let first = (x0..x1).find(|&x| self.contains(x, y))?;
+            let last = (x0..x1).rfind(|&x| self.contains(x, y))?;
+            Some((y, first..last + 1))
+        })
+    }
+}
+
+/// When a response counts as a corner.
+struct PeakRule {
+    /// Nothing within a square of this half side is stronger \[px\].
+    radius: usize,
+    /// More than this fraction of the strongest response of the searched area.
+    threshold_rel: f64,
+    /// More than this, in the detector's unit; not negative.
+    threshold: f64,
+}
+
+/// The peaks of `response` in `area`, strongest first, equals by row, then column.
+///
+/// `response` is the part of the image's response that starts at column `origin[0]` and row
+/// `origin[1]`; it holds the area and, as far as the image goes, the rule's radius around it. Of
+/// equal neighbours the first, by row, then column, is the peak: a plateau that fits into the
+/// radius, and a rectangular one of any size, has exactly one.
+fn peaks(
+    response: &Plane<f32>,
+    origin: [usize; 2],
+    area: &SearchArea,
+    rule: &PeakRule,
+) -> Vec<Detection> {
+    let [x0, y0] = origin;
+    let samples = |y: usize, columns: Range<usize>| {
+        &response.row(y - y0)[columns.start - x0..columns.end - x0]
+    };
+    let strongest = area
+        .rows()
+        .flat_map(|(y, columns)| samples(y, columns))
+        .fold(0.0, |strongest, &r| if r > strongest { r } else { strongest });
+    let threshold = rule.threshold.max(rule.threshold_rel * f64::from(strongest));
+
+    let around = |centre: usize, first: usize, size: usize| {
+        centre.saturating_sub(rule.radius).max(first)..(centre + rule.radius + 1).min(first + size)
+    };
+    let is_peak = |x: usize, y: usize, r: f32| {
+        let columns = around(x, x0, response.width());
+        around(y, y0, response.height()).all(|row| match row.cmp(&y) {
+            Ordering::Less => samples(row, columns.clone()).iter().all(|&other| other < r),
+            Ordering::Equal => {
+                samples(y, columns.start..x).iter().all(|&other| other < r)
+                    && samples(y, x..columns.end).iter().all(|&other| other <= r)
+            }
+            Ordering::Greater => samples(row, columns.clone()).iter().all(|&other| other <= r),
+        })
+    };
+    let mut peaks = Vec::new();
+    for (y, columns) in area.rows() {
+        for (x, &r) in columns.clone().zip(samples(y, columns)) {
+            if f64::from(r) > threshold && is_peak(x, y, r) {
+                let point = ImagePoint::new(x as f64, y as f64);
+                peaks.push(Detection { point, response: f64::from(r) });
+            }
+        }
+    }
+    peaks.sort_by(|a, b| b.response.total_cmp(&a.response)); // stable: equals stay in row order
+    peaks
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const EVERYWHERE: SearchArea =
+        SearchArea { range: PixelRange { x0: 0, y0: 0, x1: 5, y1: 4 }, quadrilateral: None };
+
+    fn peak_pixels(rows: [[f32; 5]; 4], rule: &PeakRule) -> Vec<[f64; 2]> {
+        let response = Plane::from_samples(5, 4, rows.concat());
+        peaks(&response, [0, 0], &EVERYWHERE, rule).iter().map(|peak| peak.point.into()).collect()
+    }
+
+    #[test]
+    fn a_plateau_is_one_peak_and_the_strongest_comes_first() {
+        let rule = PeakRule { radius: 1, threshold_rel: 0.01, threshold: 0.0 };
+        let rows = [
+            [3.0, 3.0, 0.0, 0.0, 0.0],
+            [3.0, 3.0, 0.0, 0.0, 9.0],
+            [0.0, 0.0, 0.0, 0.0, 0.0],
+            [0.0, 2.0, 2.0, 2.0, 1.0],
+        ];
+        assert_eq!(peak_pixels(rows, &rule), [[4.0, 1.0], [0.0, 0.0], [1.0, 3.0]]);
+    }
+
+    #[test]
+    fn a_peak_exceeds_both_thresholds() {
+        let rows = [
+            [8.0, 0.0, 0.0, 0.0, 4.0],
+            [0.0, 0.0, 0.0, 0.0, 0.0],
+            [0.0, 0.0, 0.0, 0.0, 0.0],
+            [5.0, 0.0, 0.0, 0.0, 0.0],
+        ];
+        let relative = PeakRule { radius: 1, threshold_rel: 0.5, threshold: 0.0 };
+        assert_eq!(peak_pixels(rows, &relative), [[0.0, 0.0], [0.0, 3.0]]);
+        let absolute = PeakRule { radius: 1, threshold_rel: 0.5, threshold: 5.0 };
+        assert_eq!(peak_pixels(rows, &absolute), [[0.0, 0.0]]);
+    }
+
+    #[test]
+    fn nothing_positive_is_nothing_found() {
+        let rule = PeakRule { radius: 2, threshold_rel: 0.0, threshold: 0.0 };
+        assert!(peak_pixels([[0.0; 5]; 4], &rule).is_empty());
+        assert!(peak_pixels([[-1.0; 5]; 4], &rule).is_empty());
+    }
+
+    #[test]
+    fn an_area_leaves_the_border_out_and_may_be_empty() {
+        let area = SearchArea::new([12, 11], 5, None, 0.0);
+        assert_eq!(area.rows().collect::<Vec<_>>(), [(5, 5..7)]);
+        assert_eq!(SearchArea::new([3, 30], 5, None, 0.0).rows().count(), 0);
+    }
+
+    #[test]
+    fn an_area_is_the_pixels_inside_the_grown_quadrilateral() {
+        let diamond = TargetRegion {
+            mask: Plane::filled(20, 20, false),
+            range: PixelRange { x0: 9, y0: 9, x1: 11, y1: 11 },
+            quadrilateral: [[9.0, 8.0], [10.0, 9.0], [9.0, 10.0], [8.0, 9.0]].map(ImagePoint::from),
+            pixels: 5,
+        };
+        let rows = |margin_px| {
+            SearchArea::new([20, 20], 0, Some(&diamond), margin_px).rows().collect::<Vec<_>>()
+        };
+        assert_eq!(rows(0.0), [(8, 9..10), (9, 8..11), (10, 9..10)]);
+        let margin_px = f64::sqrt(0.5) + 1e-9; // |dx| + |dy| <= 1 becomes <= 2
+        assert_eq!(rows(margin_px), [(7, 9..10), (8, 8..11), (9, 7..12), (10, 8..11), (11, 9..10)]);
+    }
+}

@@ -21,7 +21,8 @@ pub enum RefineStatus {
     Reverted,
     /// The equations are singular (no gradient, or one direction only); the position is the seed.
     Singular,
-    /// The window leaves the image; the position is the seed.
+    /// The seed or the way from it leaves the image, or no window fits into it; the position is the
+    /// seed.
     OutOfBounds,
 }
 
@@ -58,9 +59,17 @@ pub struct Corner {
     pub status: RefineStatus,
 }
 
+impl Corner {
+    /// A corner left at its seed.
+    pub fn at_seed(seed: Detection, iterations: u32, status: RefineStatus) -> Self {
+        Self { seed, position: seed.point, covariance_px2: None, iterations, status }
+    }
+}
+
 /// Moves candidates to their sub-pixel positions.
 pub trait Refiner: Send + Sync {
-    /// Refines the candidates of one exposure; answer i belongs to seed i, always.
+    /// Refines the candidates of one exposure; answer i belongs to seed i, always. A position is
+    /// finite where the status answers, else it is the seed's.
     fn refine(&self, exposure: &Exposure, seeds: &[Detection]) -> Vec<Corner>;
 }
 

@@ -1,1 +1,5 @@
 //! Every integration test, one module per kind.
+
+mod contract;
+mod drawn;
+mod oracle;

@@ -1,0 +1,319 @@
+//! Slow, obvious second versions, and images whose answer is known.
+
+#![allow(clippy::cast_possible_truncation, reason = "small numbers, drawn here")]
+
+use cornerbench::detect::harris::{Derivative, Harris};
+use cornerbench::detect::{Detection, Detector};
+use cornerbench::geometry::ImagePoint;
+use cornerbench::image::{PixelRange, Plane};
+use cornerbench::refine::corner_sub_pix::CornerSubPix;
+use cornerbench::refine::{RefineStatus, Refiner};
+use cornerbench::target::red_difference::RedDifference;
+use cornerbench::target::{TargetExtractor, TargetRegion};
+
+use crate::drawn::{colour, coverage, grey, seed, texture};
+
+/// Texture of every contrast, with flat parts and a strong edge.
+fn textured(width: usize, height: usize) -> Plane<f32> {
+    Plane::from_fn(width, height, |x, y| {
+        let contrast = (x / 16 + y / 16) as f32 / ((width + height) / 16) as f32;
+        let base = if 2 * x > 3 * y { 30.0 } else { 120.0 };
+        (base + 0.5 * contrast * texture(x, y)).round()
+    })
+}
+
+// ---- Harris -----------------------------------------------------------------------------------
+
+/// exp(-d^2 / 2 sigma^2) at d = -ceil(3 sigma), ..., ceil(3 sigma).
+fn bell(sigma: f64) -> Vec<(isize, f64)> {
+    let radius = (3.0 * sigma).ceil() as isize;
+    (-radius..=radius).map(|d| (d, (-0.5 * (d as f64 / sigma).powi(2)).exp())).collect()
+}
+
+/// The derivative's kernel along and across, as (offset, weight).
+fn slopes(harris: &Harris) -> [Vec<(isize, f64)>; 2] {
+    let central = vec![(-1, -0.5), (1, 0.5)];
+    match harris.derivative {
+        Derivative::Central => [central, vec![(0, 1.0)]],
+        Derivative::Sobel => [central, vec![(-1, 0.25), (0, 0.5), (1, 0.25)]],
+        Derivative::Gaussian => {
+            let bell = bell(harris.sigma_d);
+            let area: f64 = bell.iter().map(|(_, g)| g).sum();
+            let slope: f64 = bell.iter().map(|&(d, g)| (d * d) as f64 * g).sum();
+            let along = bell.iter().map(|&(d, g)| (d, d as f64 * g / slope)).collect();
+            [along, bell.iter().map(|&(d, g)| (d, g / area)).collect()]
+        }
+    }
+}
+
+/// R as its definition has it: one double sum over the window at each pixel.
+fn direct_response(harris: &Harris, plane: &Plane<f32>) -> Plane<f64> {
+    let (width, height) = (plane.width(), plane.height());
+    let [along, across] = slopes(harris);
+    let gradient = Plane::from_fn(width, height, |x, y| {
+        let (mut ix, mut iy) = (0.0, 0.0);
+        for &(d, derivative) in &along {
+            for &(e, smoothing) in &across {
+                let at = |dx, dy| {
+                    f64::from(plane.at_replicated(x.cast_signed() + dx, y.cast_signed() + dy))
+                };
+                ix += derivative * smoothing * at(d, e);
+                iy += derivative * smoothing * at(e, d);
+            }
+        }
+        (ix, iy)
+    });
+    let window = bell(harris.sigma_i);
+    Plane::from_fn(width, height, |x, y| {
+        let (mut a, mut b, mut c, mut area) = (0.0, 0.0, 0.0, 0.0);
+        for &(dy, gy) in &window {
+            for &(dx, gx) in &window {
+                let (ix, iy) = gradient.at_replicated(x.cast_signed() + dx, y.cast_signed() + dy);
+                a += gx * gy * ix * ix;
+                b += gx * gy * iy * iy;
+                c += gx * gy * ix * iy;
+                area += gx * gy;
+            }
+        }
+        (a * b - c * c - harris.k * (a + b).powi(2)) / area.powi(2)
+    })
+}
+
+#[test]
+fn harris_matches_direct_sum() {
+    let plane = textured(83, 61);
+    for derivative in [Derivative::Central, Derivative::Sobel, Derivative::Gaussian] {
+        for sigma_i in [0.8, 1.5, 3.0] {
+            let harris = Harris { derivative, sigma_i, sigma_d: 1.2, ..Harris::default() };
+            let (found, expected) = (harris.response(&plane), direct_response(&harris, &plane));
+            let scale = expected.samples().iter().fold(0.0, |max: f64, r| max.max(r.abs()));
+            let (mut of_scale, mut of_value) = (0.0_f64, 0.0_f64);
+            for (&found, &expected) in found.samples().iter().zip(expected.samples()) {
+                let error = (f64::from(found) - expected).abs();
+                of_scale = of_scale.max(error / scale);
+                if expected.abs() > 1e-3 * scale {
+                    of_value = of_value.max(error / expected.abs());
+                }
+            }
+            println!(
+                "{derivative:?} sigma_i {sigma_i}: {of_scale:.1e} of max |R|, {of_value:.1e} of |R|"
+            );
+            assert!(of_scale < 1e-7, "{derivative:?} {sigma_i}: {of_scale:e} of the largest |R|");
+            assert!(of_value < 1e-6, "{derivative:?} {sigma_i}: {of_value:e} of |R|");
+        }
+    }
+}
+
+#[test]
+fn harris_on_a_region_equals_harris_on_the_image() {
+    let exposure = grey(textured(150, 120));
+    let region = |corners: [[f64; 2]; 4]| TargetRegion {
+        mask: Plane::filled(150, 120, false),
+        range: PixelRange { x0: 0, y0: 0, x1: 1, y1: 1 },
+        quadrilateral: corners.map(ImagePoint::from),
+        pixels: 1,
+    };
+    let regions = [
+        region([[60.5, 40.5], [90.5, 40.5], [90.5, 70.5], [60.5, 70.5]]),
+        region([[70.0, 20.0], [120.0, 70.0], [90.0, 100.0], [40.0, 50.0]]), // turned by 45 degrees
+        region([[-20.5, 80.5], [30.5, 80.5], [30.5, 140.5], [-20.5, 140.5]]), // across a corner
+    ];
+    for derivative in [Derivative::Central, Derivative::Gaussian] {
+        let harris =
+            Harris { derivative, threshold_rel: 0.0, nms_radius_px: 1, ..Harris::default() };
+        let everywhere = harris.detect(&exposure, None);
+        for region in &regions {
+            let [p0, p1, _, p3] = region.quadrilateral;
+            // Distances along the two sides that meet in p0; each side grows by the margin.
+            let along = |point: ImagePoint, end: ImagePoint| {
+                let length = p0.distance_px(end);
+                let t = ((point.x - p0.x) * (end.x - p0.x) + (point.y - p0.y) * (end.y - p0.y))
+                    / length;
+                (-harris.margin_px..=length + harris.margin_px).contains(&t)
+            };
+            let expected: Vec<Detection> = everywhere
+                .iter()
+                .filter(|found| along(found.point, p1) && along(found.point, p3))
+                .copied()
+                .collect();
+            assert!(expected.len() > 10, "{} is too few to compare", expected.len());
+            assert_eq!(harris.detect(&exposure, Some(region)), expected);
+        }
+    }
+}
+
+// ---- corner_sub_pix ---------------------------------------------------------------------------
+
+/// A chessboard's corner at `vertex`, one edge at `angle` [rad], the other square to it.
+fn chess(size: usize, vertex: ImagePoint, angle: f64) -> Plane<f32> {
+    let (sin, cos) = angle.sin_cos();
+    Plane::from_fn(size, size, |x, y| {
+        let white = coverage(x, y, |x, y| {
+            let (dx, dy) = (x - vertex.x, y - vertex.y);
+            (dx * cos + dy * sin > 0.0) == (dy * cos - dx * sin > 0.0)
+        });
+        (40.0 + 160.0 * white).round() as f32
+    })
+}
+
+/// Where gradient orthogonality settles from `start`: the normal equations in f64, pixel by pixel.
+fn settle(plane: &Plane<f32>, start: ImagePoint, half_window_px: i32) -> ImagePoint {
+    let mut q = start;
+    for _ in 0..40 {
+        let at = |dx: i32, dy: i32| {
+            plane.bilinear(ImagePoint::new(q.x + f64::from(dx), q.y + f64::from(dy)))
+        };
+        let (mut n, mut r) = (nalgebra::Matrix2::zeros(), nalgebra::Vector2::zeros());
+        for dy in -half_window_px..=half_window_px {
+            for dx in -half_window_px..=half_window_px {
+                let offset = nalgebra::Vector2::new(f64::from(dx), f64::from(dy));
+                let m = (-offset.norm_squared() / f64::from(half_window_px).powi(2)).exp();
+                let g = nalgebra::Vector2::new(
+                    at(dx + 1, dy) - at(dx - 1, dy),
+                    at(dx, dy + 1) - at(dx, dy - 1),
+                );
+                let outer = m * g * g.transpose();
+                n += outer;
+                r += outer * offset;
+            }
+        }
+        let step = n.lu().solve(&r).expect("two directions");
+        q = ImagePoint::new(q.x + step.x, q.y + step.y);
+        if step.norm() <= 1e-3 {
+            break;
+        }
+    }
+    q
+}
+
+#[test]
+fn corner_sub_pix_recovers_quarter_pixel_shifts() {
+    for (quarters_x, quarters_y) in [(0, 0), (1, 0), (2, 1), (3, 3), (2, 2)] {
+        let vertex = ImagePoint::new(
+            20.0 + 0.25 * f64::from(quarters_x),
+            20.0 + 0.25 * f64::from(quarters_y),
+        );
+        for angle in [0.2, 0.6, 1.1] {
+            let plane = chess(41, vertex, angle);
+            let seeds = [seed(20.0, 20.0), seed(21.0, 19.0), seed(19.0, 22.0)];
+            let corners = CornerSubPix::default().refine(&grey(plane.clone()), &seeds);
+            for corner in corners {
+                assert_eq!(corner.status, RefineStatus::Ok);
+                // Resampling moves a sharp corner by up to 0.04 px (algorithms.md, section 0).
+                assert!(corner.position.distance_px(vertex) < 0.05, "{vertex:?} {corner:?}");
+                let second = settle(&plane, corner.seed.point, 5);
+                assert!(corner.position.distance_px(second) < 1e-4, "{second:?} {corner:?}");
+            }
+        }
+    }
+}
+
+/// A noisy wedge in whole numbers, the same in any language: 16 points per pixel, texture 0 to 7.
+fn noisy_wedge() -> Plane<f32> {
+    Plane::from_fn(64, 48, |x, y| {
+        let points =
+            (0..16).map(|k| (8 * x as i32 + 2 * (k / 4) - 3, 8 * y as i32 + 2 * (k % 4) - 3));
+        let hits = points.filter(|(u, v)| 3 * u - v > 400 && u + 2 * v < 620).count();
+        40.0 + 10.0 * hits as f32 + (texture(x, y) / 32.0).floor()
+    })
+}
+
+#[test]
+fn corner_sub_pix_equals_opencv() {
+    // From OpenCV 5.0.0 (opencv-python-headless, x86-64): cv2.cornerSubPix(noisy_wedge as uint8,
+    // seeds, (w, w), (z, z), (3, 40, 1e-3)). The seed itself where OpenCV returns it.
+    let seeds = [
+        [25.0, 26.0],
+        [28.25, 24.5],
+        [23.0, 29.0],
+        [30.0, 22.0],
+        [40.0, 27.0],
+        [20.5, 10.0],
+        [61.5, 45.25],
+    ];
+    let opencv = [
+        (
+            (3, -1),
+            [
+                [25.552_15, 25.879_732],
+                [25.552_197, 25.879_81],
+                [23.0, 29.0],
+                [31.429_789, 23.041_039],
+                [41.919_197, 29.203_602],
+                [20.117_893, 10.132_441_5],
+                [61.590_43, 44.363_674],
+            ],
+        ),
+        (
+            (5, -1),
+            [
+                [25.661_804, 25.994_787],
+                [25.661_716, 25.994_719],
+                [25.661_85, 25.994_823],
+                [25.661_789, 25.994_776],
+                [40.0, 27.0],
+                [20.047_485, 9.948_899],
+                [61.5, 45.25],
+            ],
+        ),
+        (
+            (7, 1),
+            [
+                [25.693_817, 26.137_869],
+                [25.693_9, 26.137_82],
+                [25.693_68, 26.137_722],
+                [25.693_68, 26.137_651],
+                [35.545_372, 20.951_532],
+                [20.035_383, 9.883_136],
+                [61.5, 45.25],
+            ],
+        ),
+    ];
+    let exposure = grey(noisy_wedge());
+    for ((half_window_px, zero_zone_px), expected) in opencv {
+        let refiner = CornerSubPix { half_window_px, zero_zone_px, ..CornerSubPix::default() };
+        let corners = refiner.refine(&exposure, &seeds.map(|[x, y]| seed(x, y)));
+        for (corner, expected) in corners.iter().zip(expected.map(ImagePoint::from)) {
+            let error = corner.position.distance_px(expected);
+            assert!(error < 2e-6, "w {half_window_px}: {corner:?}, OpenCV has {expected:?}");
+            let reverted = corner.status == RefineStatus::Reverted;
+            assert_eq!(reverted, expected == corner.seed.point, "w {half_window_px}: {corner:?}");
+        }
+    }
+}
+
+// ---- red_difference ---------------------------------------------------------------------------
+
+#[test]
+fn red_difference_frames_a_drawn_rectangle() {
+    let (centre, half_width, half_height) = (ImagePoint::new(80.3, 60.8), 45.0, 20.0);
+    for degrees in [0.0_f64, 12.0, 45.0, 77.0] {
+        let (sin, cos) = degrees.to_radians().sin_cos();
+        let inside = |x: f64, y: f64| {
+            let (dx, dy) = (x - centre.x, y - centre.y);
+            (dx * cos + dy * sin).abs() <= half_width && (dy * cos - dx * sin).abs() <= half_height
+        };
+        let [red, other] = [220.0, 30.0].map(|value| {
+            Plane::from_fn(160, 120, |x, y| if inside(x as f64, y as f64) { value } else { 100.0 })
+        });
+        let region = RedDifference::default()
+            .extract(&colour([red, other.clone(), other]))
+            .expect("a red rectangle");
+        // Pixels whose centres are inside reach past the drawn sides by half a diagonal at most,
+        // and may miss them by as much.
+        let drawn = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)].map(|(u, v)| {
+            let (u, v) = (u * half_width, v * half_height);
+            ImagePoint::new(centre.x + u * cos - v * sin, centre.y + u * sin + v * cos)
+        });
+        for corner in drawn {
+            let nearest = region.quadrilateral.iter().map(|found| found.distance_px(corner));
+            let nearest = nearest.fold(f64::INFINITY, f64::min);
+            assert!(nearest < 1.0, "{degrees} degrees: {corner:?} is {nearest} px off");
+        }
+        let twice_area: f64 = (0..4)
+            .map(|i| (region.quadrilateral[i], region.quadrilateral[(i + 1) % 4]))
+            .map(|(p, q)| p.x * q.y - q.x * p.y)
+            .sum();
+        assert!(twice_area > 0.0, "clockwise as seen, y down");
+    }
+}
