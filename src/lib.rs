@@ -11,6 +11,7 @@ pub mod error;
 pub mod geometry;
 pub mod grasp;
 pub mod image;
+pub mod matching;
 pub mod refine;
 pub mod registry;
 pub mod scene;
