@@ -6,15 +6,23 @@
 //! from the truth. Data flows one way: [`scene`] -> [`sensor`] -> [`target`] -> [`detect`] ->
 //! [`refine`] -> [`grasp`].
 
+pub mod cli;
+pub mod convention;
 pub mod detect;
 pub mod error;
+pub mod files;
 pub mod filter;
 pub mod geometry;
 pub mod grasp;
 pub mod image;
+pub mod matching;
+pub mod metrics;
+pub mod plan;
+pub mod record;
 pub mod refine;
 pub mod registry;
-pub mod record;
+pub mod report;
+pub mod run;
 pub mod scene;
 pub mod sensor;
 pub mod stats;

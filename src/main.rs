@@ -1,3 +1,5 @@
 //! The `cornerbench` command.
 
-fn main() {}
+fn main() -> std::process::ExitCode {
+    cornerbench::cli::main()
+}

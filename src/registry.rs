@@ -66,7 +66,8 @@ fn reject_unknown_keys(place: &str, path: &str, table: &Table, known: &Table) ->
                     known: known.keys().cloned().collect(),
                 });
             }
-            (Some(Value::Table(inner_known)), Value::Table(inner)) => {
+            // An empty default table is one whose keys somebody else checks.
+            (Some(Value::Table(inner_known)), Value::Table(inner)) if !inner_known.is_empty() => {
                 reject_unknown_keys(place, key, inner, inner_known)?;
             }
             _ => {}

@@ -4,8 +4,10 @@ use std::sync::OnceLock;
 
 use serde::{Deserialize, Serialize};
 
+use crate::error::Result;
 use crate::geometry::{Camera, Pose};
 use crate::image::Plane;
+use crate::registry;
 use crate::scene::Film;
 use crate::sensor::Transfer;
 
@@ -21,11 +23,25 @@ pub struct CameraModel {
     pub bit_depth: u8,
     /// The curve from linear light to encoded value.
     pub transfer: Transfer,
+    /// One line for `cornerbench list`.
+    pub summary: String,
 }
 
 impl Default for CameraModel {
     fn default() -> Self {
-        Self { gain: 1.0, bit_depth: 8, transfer: Transfer::Srgb }
+        Self { gain: 1.0, bit_depth: 8, transfer: Transfer::Srgb, summary: String::new() }
+    }
+}
+
+impl CameraModel {
+    /// Checks every value's range; `place` names the file.
+    ///
+    /// # Errors
+    /// [`Error::OutOfRange`](crate::error::Error::OutOfRange).
+    pub fn check(&self, place: &str) -> Result<()> {
+        registry::in_range(place, "gain", self.gain, 1e-6..=1e6)?;
+        registry::in_range(place, "bit_depth", self.bit_depth, 8..=16)?;
+        Ok(())
     }
 }
 

@@ -3,3 +3,4 @@
 mod contract;
 mod drawn;
 mod oracle;
+mod grasp;

@@ -1,0 +1,148 @@
+//! The Python environment that renders: made from a lock, whole or not at all.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+use crate::error::{Error, Result};
+use crate::scene::sha256_hex;
+
+/// What an environment is for; decides which lock it is made from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Purpose {
+    /// Rendering.
+    Rendering,
+    /// Rendering, and the Python tests and linters.
+    Development,
+}
+
+impl Purpose {
+    fn name(self) -> &'static str {
+        match self {
+            Self::Rendering => "rendering",
+            Self::Development => "development",
+        }
+    }
+
+    fn lock(self) -> &'static str {
+        match self {
+            Self::Rendering => "requirements.txt",
+            Self::Development => "requirements-dev.txt",
+        }
+    }
+}
+
+/// The Python program of the environment, which is made first where it is missing.
+///
+/// The environment's folder is named after its lock's hash and appears by renaming, so one that is
+/// there is whole and current.
+///
+/// # Errors
+/// When Python is missing or too old, or a package cannot be fetched; nothing is left behind then.
+pub(super) fn python(root: &Path, purpose: Purpose, say: &dyn Fn(&str)) -> Result<PathBuf> {
+    let lock = root.join("scripts").join(purpose.lock());
+    let bytes = fs::read(&lock).map_err(Error::io(&lock, "read"))?;
+    let home = root.join(".python");
+    let prefix = format!("{}-", purpose.name());
+    let folder = home.join(format!("{prefix}{}", &sha256_hex(&bytes)[..12]));
+    if !folder.is_dir() {
+        fs::create_dir_all(&home).map_err(Error::io(&home, "create"))?;
+        say(&format!("setting up Python for {} in {}", purpose.name(), folder.display()));
+        let unfinished = tempfile::Builder::new()
+            .prefix(".unfinished-")
+            .tempdir_in(&home)
+            .map_err(Error::io(&home, "write into"))?;
+        let environment = unfinished.path().join("environment");
+        install(&environment, &lock)?;
+        match fs::rename(&environment, &folder) {
+            // Somebody else may have finished the same one meanwhile.
+            Err(error) if !folder.is_dir() => return Err(Error::io(&folder, "create")(error)),
+            _ => {}
+        }
+        remove_outdated(&home, &prefix, &folder);
+    }
+    Ok(program(&folder))
+}
+
+fn program(environment: &Path) -> PathBuf {
+    if cfg!(windows) {
+        environment.join("Scripts").join("python.exe")
+    } else {
+        environment.join("bin").join("python")
+    }
+}
+
+/// Makes the environment by uv where it is there, else by venv and pip.
+fn install(environment: &Path, lock: &Path) -> Result<()> {
+    if let Ok(found) = Command::new("uv").arg("--version").output()
+        && found.status.success()
+    {
+        let mut create = Command::new("uv");
+        create.args(["venv", "--quiet", "--python", ">=3.11"]).arg(environment);
+        run("uv", create)?;
+        let mut fetch = Command::new("uv");
+        fetch.args(["pip", "install", "--quiet", "--require-hashes", "--python"]);
+        fetch.arg(program(environment)).arg("-r").arg(lock);
+        return run("uv", fetch);
+    }
+    let interpreter = system_python()?;
+    let mut create = Command::new(interpreter);
+    create.args(["-m", "venv"]).arg(environment);
+    run("python3 -m venv (on Debian and Ubuntu: apt-get install python3-venv)", create)?;
+    let mut fetch = Command::new(program(environment));
+    fetch.args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check"]);
+    fetch.args(["--retries", "2", "--require-hashes", "--only-binary", ":all:", "-r"]).arg(lock);
+    run("pip", fetch)
+}
+
+/// A Python of at least 3.11.
+fn system_python() -> Result<&'static str> {
+    let check = "import sys; print('%d.%d' % sys.version_info[:2]); \
+                 sys.exit(sys.version_info < (3, 11))";
+    let mut found = String::new();
+    for name in ["python3", "python"] {
+        match Command::new(name).args(["-c", check]).output() {
+            Ok(output) if output.status.success() => return Ok(name),
+            Ok(output) => found = format!(", found {}", String::from_utf8_lossy(&output.stdout)),
+            Err(_) => {}
+        }
+    }
+    Err(Error::Program {
+        program: "python3".into(),
+        problem: format!("Python 3.11 or newer is needed{}", found.trim_end()),
+    })
+}
+
+fn run(program: &str, mut command: Command) -> Result<()> {
+    let failed = |problem: String| Error::Program { program: program.to_owned(), problem };
+    let output = command.output().map_err(|error| failed(format!("cannot start: {error}")))?;
+    if output.status.success() {
+        return Ok(());
+    }
+    let problem = format!(
+        "{}; the Python environment was not set up and nothing of it was kept; check the network \
+         and the package index, then run cornerbench setup",
+        complaint(&output)
+    );
+    Err(failed(problem))
+}
+
+/// The lines in which a failed program says what it could not do, the last few at most.
+fn complaint(output: &Output) -> String {
+    let text = String::from_utf8_lossy(&output.stderr);
+    let lines: Vec<&str> =
+        text.lines().map(str::trim).filter(|line| !line.is_empty()).collect();
+    let from = lines.len().saturating_sub(4);
+    if lines.is_empty() { format!("ended with {}", output.status) } else { lines[from..].join(" | ") }
+}
+
+/// Removes environments of the same purpose that were made from another lock, and what an
+/// interrupted set-up left behind. What cannot be removed does no harm.
+fn remove_outdated(home: &Path, prefix: &str, current: &Path) {
+    for entry in fs::read_dir(home).into_iter().flatten().flatten() {
+        let outdated = entry.file_name().to_string_lossy().starts_with(prefix);
+        if outdated && entry.path() != current {
+            let _ = fs::remove_dir_all(entry.path());
+        }
+    }
+}

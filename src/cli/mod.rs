@@ -1,0 +1,127 @@
+//! The command line: one file per subcommand.
+
+mod environment;
+mod list;
+mod locate;
+mod measure;
+mod project;
+mod quickstart;
+mod render;
+mod report;
+mod setup;
+mod verify;
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+use crate::error::Result;
+
+/// How good is a sub-pixel corner, really, and what does it buy a robot that has to grasp?
+///
+/// Exit code: 0 all done, 1 some of the work failed or a check did, 2 nothing could be started.
+#[derive(Parser)]
+#[command(version, propagate_version = true, max_term_width = 100)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+    #[command(flatten)]
+    global: Global,
+}
+
+/// Options of every subcommand.
+#[derive(clap::Args, Clone, Debug)]
+pub struct Global {
+    /// Print results as JSON, for programs.
+    #[arg(long, global = true)]
+    json: bool,
+    /// Print results and errors only.
+    #[arg(short, long, global = true)]
+    quiet: bool,
+    /// Threads to use; all cores where this is not given.
+    #[arg(long, global = true, value_name = "N")]
+    threads: Option<usize>,
+}
+
+impl Global {
+    /// Tells a person what is going on: a line on standard error, unless `--quiet`.
+    fn say(&self, line: impl AsRef<str>) {
+        if !self.quiet {
+            eprintln!("{}", line.as_ref());
+        }
+    }
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Render suite `quick`, measure it by the paper's pipeline, write out/quick/report/index.html.
+    Quickstart(quickstart::Options),
+    /// Set up the Python environment that renders.
+    Setup(setup::Options),
+    /// Render the scenes of a suite that are missing or whose recipe changed.
+    Render(render::Options),
+    /// Run a plan's pipelines over a rendered dataset and score them against truth.
+    Measure(measure::Options),
+    /// Write the report of a run again, from its records.
+    Report(report::Options),
+    /// Check a dataset's integrity, and that renderer, reader and projection agree to 0.01 px.
+    Verify(verify::Options),
+    /// Refine points of, or find corners in, a picture of one's own.
+    Locate(locate::Options),
+    /// List what can be named: suites, families, plans, cameras, algorithms.
+    List(list::Options),
+}
+
+/// What a subcommand came to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Ended {
+    /// All done.
+    Well,
+    /// Some of the work failed, or a check did.
+    Partly,
+}
+
+/// Runs the command line and returns the exit code.
+pub fn main() -> ExitCode {
+    let arguments = Arguments::parse();
+    match run(&arguments) {
+        Ok(Ended::Well) => ExitCode::SUCCESS,
+        Ok(Ended::Partly) => ExitCode::from(1),
+        Err(error) => {
+            eprintln!("cornerbench: {}", error.chain());
+            ExitCode::from(2)
+        }
+    }
+}
+
+fn run(arguments: &Arguments) -> Result<Ended> {
+    let global = &arguments.global;
+    if let Some(threads) = global.threads {
+        crate::registry::in_range("command line", "--threads", threads, 1..=1024)?;
+        // Fails only when the pool exists already, and nothing has used it before this.
+        let _ = rayon::ThreadPoolBuilder::new().num_threads(threads).build_global();
+    }
+    match &arguments.command {
+        Command::Quickstart(options) => quickstart::run(global, options),
+        Command::Setup(options) => setup::run(global, options),
+        Command::Render(options) => render::run(global, options),
+        Command::Measure(options) => measure::run(global, options),
+        Command::Report(options) => report::run(global, options),
+        Command::Verify(options) => verify::run(global, options),
+        Command::Locate(options) => locate::run(global, options),
+        Command::List(options) => list::run(global, options),
+    }
+}
+
+/// The folder of a suite's outputs where none is given: out/SUITE.
+fn default_output(suite: &str) -> PathBuf {
+    PathBuf::from("out").join(suite)
+}
+
+/// The command line as it was given, for the record.
+fn command_line() -> String {
+    let mut words = vec!["cornerbench".to_owned()];
+    words.extend(std::env::args().skip(1));
+    words.join(" ")
+}

@@ -1,0 +1,321 @@
+//! Do renderer, reader and projection agree on where the image is?
+//!
+//! The film of a rendered scene shows the target's edges; the projection says where they are. On
+//! edges that nothing disturbs, each film column (or row) that an edge crosses is a step between two
+//! smooth sides, and the sum of the column tells where the step is, exactly for a box filter: the
+//! partial-area principle (Trujillo-Pino et al., Image and Vision Computing 2013), here with a
+//! linear ramp on either side. A line through the steps of each edge, two or more edges at a corner:
+//! the corner as rendered. Its distance from the corner as projected is the offset of the whole
+//! chain; half a pixel anywhere in it shows as half a pixel.
+
+use nalgebra::{Matrix2, Vector2};
+
+use crate::geometry::ImagePoint;
+use crate::scene::{NO_FACE, Scene, TrueEdge, Visibility};
+use crate::stats;
+
+/// How far from its ends an edge is used \[px\].
+const END_MARGIN_PX: f64 = 4.0;
+/// How far to either side of an edge the film is used \[px\].
+const HALF_BAND_PX: f64 = 3.0;
+/// Edges shorter than this between the margins are not used \[px\].
+const SHORTEST_PX: f64 = 16.0;
+/// Depth by which the background must lie behind a silhouette \[m\]: nearer surfaces touch the
+/// target, and their contact shadow is no linear ramp.
+const DEPTH_GAP_M: f64 = 0.03;
+/// Film columns that an edge must be found in.
+const FEWEST_STEPS: usize = 24;
+
+/// How far a corner as rendered is from the corner as projected.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CornerOffset {
+    /// Index of the corner.
+    pub corner: usize,
+    /// Rendered minus projected position \[px\].
+    pub offset_px: [f64; 2],
+    /// Standard error of each coordinate \[px\].
+    pub standard_error_px: [f64; 2],
+}
+
+/// The mean of corner offsets.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct MeanOffset {
+    /// Corners measured.
+    pub corners: usize,
+    /// Mean offset, rendered minus projected \[px\].
+    pub mean_px: [f64; 2],
+    /// Length of the mean offset \[px\].
+    pub length_px: f64,
+    /// Standard error of the mean, from the corners' scatter \[px\].
+    pub standard_error_px: [f64; 2],
+}
+
+/// The mean of `offsets`; `None` of fewer than two.
+pub fn mean_offset(offsets: &[CornerOffset]) -> Option<MeanOffset> {
+    let axis = |axis: usize| -> Vec<f64> { offsets.iter().map(|o| o.offset_px[axis]).collect() };
+    let (x, y) = (axis(0), axis(1));
+    let mean_px = [stats::mean(&x)?, stats::mean(&y)?];
+    Some(MeanOffset {
+        corners: offsets.len(),
+        mean_px,
+        length_px: mean_px[0].hypot(mean_px[1]),
+        standard_error_px: [stats::standard_error(&x)?, stats::standard_error(&y)?],
+    })
+}
+
+/// Measures every corner of a scene that at least two undisturbed edges lead to.
+pub fn corner_offsets(scene: &Scene) -> Vec<CornerOffset> {
+    let truth = &scene.truth;
+    let visible = truth.corners.iter().filter(|corner| corner.visibility == Visibility::Visible);
+    visible
+        .filter_map(|corner| {
+            let lines: Vec<EdgeLine> = truth
+                .edges
+                .iter()
+                .filter(|edge| edge.corners.contains(&corner.index))
+                .filter_map(|edge| edge_line(scene, edge, corner.index))
+                .collect();
+            intersect(&lines).map(|(offset_px, standard_error_px)| CornerOffset {
+                corner: corner.index,
+                offset_px,
+                standard_error_px,
+            })
+        })
+        .collect()
+}
+
+/// Where an edge was found, relative to its projection, extrapolated to one of its ends.
+#[derive(Clone, Copy, Debug)]
+struct EdgeLine {
+    /// Unit normal of the edge.
+    normal: Vector2<f64>,
+    /// Displacement along the normal at the corner \[px\].
+    displacement_px: f64,
+    /// Its variance \[px^2\].
+    variance_px2: f64,
+}
+
+/// Least-squares intersection of displaced lines: the offset and its standard errors.
+fn intersect(lines: &[EdgeLine]) -> Option<([f64; 2], [f64; 2])> {
+    let mut information = Matrix2::zeros();
+    let mut right = Vector2::zeros();
+    for line in lines {
+        information += line.normal * line.normal.transpose() / line.variance_px2;
+        right += line.normal * line.displacement_px / line.variance_px2;
+    }
+    let sine = |a: &EdgeLine, b: &EdgeLine| a.normal.perp(&b.normal).abs();
+    let cross = lines.iter().enumerate().any(|(i, a)| lines[..i].iter().any(|b| sine(a, b) > 0.3));
+    let covariance = information.try_inverse().filter(|_| cross)?;
+    let offset = covariance * right;
+    Some((
+        [offset.x, offset.y],
+        [covariance[(0, 0)].max(0.0).sqrt(), covariance[(1, 1)].max(0.0).sqrt()],
+    ))
+}
+
+/// Measures one edge, seen from the corner `end`.
+fn edge_line(scene: &Scene, edge: &TrueEdge, end: usize) -> Option<EdgeLine> {
+    if edge.visible_fraction < 1.0 {
+        return None;
+    }
+    let other = if edge.corners[0] == end { edge.corners[1] } else { edge.corners[0] };
+    let [start, finish] = [end, other].map(|index| scene.truth.corners[index].image_point_px);
+    let along = Vector2::new(finish.x - start.x, finish.y - start.y);
+    let length_px = along.norm();
+    if length_px - 2.0 * END_MARGIN_PX < SHORTEST_PX {
+        return None;
+    }
+    let direction = along / length_px;
+    // Steps are looked for across the edge's major axis: down columns of an edge that runs across.
+    let axis = usize::from(direction.x.abs() < direction.y.abs());
+    let mut normal = Vector2::new(-direction.y, direction.x);
+    if normal[1 - axis] < 0.0 {
+        normal = -normal;
+    }
+
+    let oversampling = scene.film.oversampling;
+    let scale = f64::from(oversampling);
+    let (first, last) = (start.to_film(oversampling), finish.to_film(oversampling));
+    let (low, high) = (first[axis].min(last[axis]), first[axis].max(last[axis]));
+    let mut steps = Vec::new();
+    #[allow(clippy::cast_possible_truncation, reason = "film coordinates")]
+    for column in low.ceil() as i64..high.floor() as i64 {
+        #[allow(clippy::cast_precision_loss, reason = "film coordinates")]
+        let middle = column as f64 + 0.5;
+        let share = (middle - first[axis]) / (last[axis] - first[axis]);
+        let distance_px = share * length_px;
+        if !(END_MARGIN_PX..length_px - END_MARGIN_PX).contains(&distance_px) {
+            continue;
+        }
+        let expected = first[1 - axis] + share * (last[1 - axis] - first[1 - axis]);
+        let point = ImagePoint::new(start.x + share * along.x, start.y + share * along.y);
+        if !is_undisturbed(scene, point, normal) {
+            continue;
+        }
+        if let Some((step, contrast)) = find_step(scene, axis, column, expected) {
+            let displacement_px = (step - expected) * normal[1 - axis] / scale;
+            steps.push(Step { distance_px, displacement_px, contrast });
+        }
+    }
+    fit_line(&steps).map(|(displacement_px, variance_px2)| EdgeLine {
+        normal,
+        displacement_px,
+        variance_px2,
+    })
+}
+
+/// Whether each side of the edge at `point` is one surface, and the one behind, if there is one, does
+/// not touch the target.
+fn is_undisturbed(scene: &Scene, point: ImagePoint, normal: Vector2<f64>) -> bool {
+    let geometry = &scene.geometry;
+    let at = |distance_px: f64| {
+        let x = (point.x + distance_px * normal.x).round();
+        let y = (point.y + distance_px * normal.y).round();
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "checked")]
+        scene.description.camera.contains(ImagePoint::new(x, y)).then(|| {
+            let (x, y) = (x as usize, y as usize);
+            let ids = (geometry.object_id.at(x, y), geometry.face_id.at(x, y));
+            (ids, f64::from(geometry.depth_m.at(x, y)))
+        })
+    };
+    let side = |sign: f64| {
+        let near = at(1.5 * sign)?;
+        let far = at((HALF_BAND_PX + 0.5) * sign)?;
+        (near.0 == far.0).then_some(near)
+    };
+    let (Some((ids_a, depth_a)), Some((ids_b, depth_b))) = (side(-1.0), side(1.0)) else {
+        return false;
+    };
+    let on_target = |ids: (u32, u32)| ids.1 != NO_FACE;
+    match (on_target(ids_a), on_target(ids_b)) {
+        (true, true) => ids_a != ids_b,
+        (true, false) => depth_b - depth_a > DEPTH_GAP_M,
+        (false, true) => depth_a - depth_b > DEPTH_GAP_M,
+        (false, false) => false,
+    }
+}
+
+struct Step {
+    distance_px: f64,
+    displacement_px: f64,
+    contrast: f64,
+}
+
+/// Film coordinate of the step in one column (axis 0) or row (axis 1), looked for near `expected`,
+/// and its contrast in radiance.
+#[allow(
+    clippy::cast_possible_truncation,
+    clippy::cast_precision_loss,
+    clippy::cast_sign_loss,
+    reason = "film coordinates, checked against the film's size"
+)]
+fn find_step(scene: &Scene, axis: usize, column: i64, expected: f64) -> Option<(f64, f64)> {
+    let half = HALF_BAND_PX * f64::from(scene.film.oversampling);
+    let [fx0, fy0, fx1, fy1] = scene.description.film.fovea_px;
+    let fine = [[fx0, fx1], [fy0, fy1]]
+        .map(|range| range.map(|edge| i64::from(edge) * i64::from(scene.film.oversampling)));
+    if !(fine[axis][0]..fine[axis][1]).contains(&column) {
+        return None;
+    }
+    let mut step = expected;
+    let mut contrast = 0.0;
+    for _ in 0..4 {
+        let from = (step - half).round() as i64;
+        let to = (step + half).round() as i64;
+        if from < fine[1 - axis][0] || to > fine[1 - axis][1] {
+            return None;
+        }
+        let cell = |index: i64| -> [f64; 3] {
+            let (x, y) = if axis == 0 { (column, index) } else { (index, column) };
+            [0, 1, 2].map(|c| f64::from(scene.film.radiance[c].at(x as usize, y as usize)))
+        };
+        // The two sides, without the cells that the step may touch.
+        let clear = 2.0;
+        let below: Vec<i64> = (from..to).filter(|v| (*v as f64 + 1.0) < step - clear).collect();
+        let above: Vec<i64> = (from..to).filter(|v| *v as f64 > step + clear).collect();
+        let mean = |cells: &[i64]| -> [f64; 3] {
+            let sum = cells.iter().map(|v| cell(*v)).fold([0.0; 3], |a, b| {
+                [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
+            });
+            sum.map(|value| value / cells.len() as f64)
+        };
+        let (mean_below, mean_above) = (mean(&below), mean(&above));
+        let difference = [0, 1, 2].map(|c| mean_above[c] - mean_below[c]);
+        let square: f64 = difference.iter().map(|d| d * d).sum();
+        contrast = square.sqrt();
+        if contrast < 0.02 {
+            return None;
+        }
+        // The colour along the difference of the sides, and its linear ramp on each.
+        let level = |v: i64| {
+            let colour = cell(v);
+            (0..3).map(|c| colour[c] * difference[c]).sum::<f64>() / contrast
+        };
+        let ramp = |cells: &[i64]| {
+            let points: Vec<(f64, f64)> =
+                cells.iter().map(|v| (*v as f64 + 0.5 - expected, level(*v))).collect();
+            fit_ramp(&points)
+        };
+        let ((a0, a1), (b0, b1)) = (ramp(&below)?, ramp(&above)?);
+        let total: f64 = (from..to).map(level).sum();
+        let integral = |(value, slope): (f64, f64), from: f64, to: f64| {
+            value * (to - from) + 0.5 * slope * (to * to - from * from)
+        };
+        let (low, high) = (from as f64 - expected, to as f64 - expected);
+        let mut t = step - expected;
+        for _ in 0..6 {
+            let excess = integral((a0, a1), low, t) + integral((b0, b1), t, high) - total;
+            let slope = (a0 + a1 * t) - (b0 + b1 * t);
+            if slope.abs() < 0.25 * contrast {
+                return None;
+            }
+            t -= excess / slope;
+        }
+        if !t.is_finite() || t.abs() > half - clear - 2.0 {
+            return None;
+        }
+        step = expected + t;
+    }
+    Some((step, contrast))
+}
+
+/// Least-squares line through (x, y): value at 0 and slope.
+#[allow(clippy::cast_precision_loss, reason = "counts")]
+fn fit_ramp(points: &[(f64, f64)]) -> Option<(f64, f64)> {
+    let count = points.len() as f64;
+    let mean_x = points.iter().map(|p| p.0).sum::<f64>() / count;
+    let mean_y = points.iter().map(|p| p.1).sum::<f64>() / count;
+    let sxx: f64 = points.iter().map(|p| (p.0 - mean_x).powi(2)).sum();
+    let sxy: f64 = points.iter().map(|p| (p.0 - mean_x) * (p.1 - mean_y)).sum();
+    (points.len() > 2 && sxx > 0.0).then(|| (mean_y - sxy / sxx * mean_x, sxy / sxx))
+}
+
+/// The displacement extrapolated to distance 0, and its variance; steps far from the others are
+/// left out (3.5 median absolute deviations).
+#[allow(clippy::cast_precision_loss, reason = "counts")]
+fn fit_line(steps: &[Step]) -> Option<(f64, f64)> {
+    let displacements: Vec<f64> = steps.iter().map(|step| step.displacement_px).collect();
+    let centre = stats::median(&displacements)?;
+    let deviations: Vec<f64> = displacements.iter().map(|d| (d - centre).abs()).collect();
+    let limit = 3.5 * 1.4826 * stats::median(&deviations)? + 1e-6;
+    let kept: Vec<&Step> =
+        steps.iter().filter(|step| (step.displacement_px - centre).abs() <= limit).collect();
+    if kept.len() < FEWEST_STEPS {
+        return None;
+    }
+    let weight = |step: &Step| step.contrast * step.contrast;
+    let total: f64 = kept.iter().map(|step| weight(step)).sum();
+    let mean = |value: &dyn Fn(&Step) -> f64| {
+        kept.iter().map(|step| weight(step) * value(step)).sum::<f64>() / total
+    };
+    let mean_s = mean(&|step| step.distance_px);
+    let mean_d = mean(&|step| step.displacement_px);
+    let sss = mean(&|step| (step.distance_px - mean_s).powi(2));
+    let ssd = mean(&|step| (step.distance_px - mean_s) * (step.displacement_px - mean_d));
+    let slope = ssd / sss;
+    let at_corner = mean_d - slope * mean_s;
+    let scatter =
+        mean(&|step| (step.displacement_px - at_corner - slope * step.distance_px).powi(2));
+    let variance = scatter / (kept.len() as f64 - 2.0) * (1.0 + mean_s * mean_s / sss);
+    Some((at_corner, variance.max(1e-12)))
+}

@@ -1,0 +1,42 @@
+//! Files that appear whole or not at all.
+
+use std::path::Path;
+
+use crate::error::{Error, Result};
+
+/// Has `write` fill a temporary file beside `path`, then renames it to `path`.
+///
+/// # Errors
+/// What `write` returns, or [`Error::Io`]; then `path` is as it was.
+pub fn write_whole(path: &Path, write: impl FnOnce(&Path) -> Result<()>) -> Result<()> {
+    let folder = path.parent().unwrap_or(Path::new("."));
+    std::fs::create_dir_all(folder).map_err(Error::io(folder, "create"))?;
+    let temporary = tempfile::Builder::new()
+        .prefix(".unfinished-")
+        .tempdir_in(folder)
+        .map_err(Error::io(folder, "write into"))?;
+    let name = path.file_name().unwrap_or_default();
+    let unfinished = temporary.path().join(name);
+    write(&unfinished)?;
+    std::fs::rename(&unfinished, path).map_err(Error::io(path, "write"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_failed_write_leaves_the_old_file_and_nothing_else() {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let path = folder.path().join("a.json");
+        write_whole(&path, |file| std::fs::write(file, "old").map_err(Error::io(file, "write")))
+            .expect("written");
+        let failed = write_whole(&path, |file| {
+            std::fs::write(file, "half").map_err(Error::io(file, "write"))?;
+            Err(Error::Other("interrupted".into()))
+        });
+        assert!(failed.is_err());
+        assert_eq!(std::fs::read_to_string(&path).expect("there"), "old");
+        assert_eq!(std::fs::read_dir(folder.path()).expect("there").count(), 1);
+    }
+}

@@ -1,0 +1,200 @@
+//! One-to-one assignment of answers to truth.
+//!
+//! The most matches within the gate first, then the least sum of squared distances. Squares, not
+//! distances, because they make the assignment the most likely one under isotropic Gaussian errors
+//! and the one that minimises the error reported beside it, a root mean square.
+
+use pathfinding::kuhn_munkres::kuhn_munkres;
+use pathfinding::matrix::Matrix;
+
+use crate::geometry::ImagePoint;
+
+/// Who belongs to whom; both lists say the same.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Assignment {
+    /// For each truth point, the index of its answer.
+    pub answer_of_truth: Vec<Option<usize>>,
+    /// For each answer, the index of its truth point.
+    pub truth_of_answer: Vec<Option<usize>>,
+}
+
+impl Assignment {
+    /// How many pairs there are.
+    pub fn matches(&self) -> usize {
+        self.answer_of_truth.iter().flatten().count()
+    }
+}
+
+/// The resolution of costs, relative to the largest within the gate; equal below it.
+const RESOLUTION: f64 = (1_i64 << 30) as f64;
+
+/// Assigns `answers` to `truth` points one to one, never further apart than `gate_px`.
+///
+/// Points that are not finite are never matched. Equally good assignments are decided by the order
+/// of the points, the same way every time.
+pub fn assign(truth: &[ImagePoint], answers: &[ImagePoint], gate_px: f64) -> Assignment {
+    let mut assignment = Assignment {
+        answer_of_truth: vec![None; truth.len()],
+        truth_of_answer: vec![None; answers.len()],
+    };
+    // Kuhn and Munkres want no more rows than columns.
+    let truth_in_rows = truth.len() <= answers.len();
+    let (rows, columns) = if truth_in_rows { (truth, answers) } else { (answers, truth) };
+    if rows.is_empty() {
+        return assignment;
+    }
+
+    let cost_px2 = |row: usize, column: usize| {
+        let distance_px = rows[row].distance_px(columns[column]);
+        (distance_px.is_finite() && distance_px <= gate_px).then_some(distance_px * distance_px)
+    };
+    let largest_px2 = (0..rows.len())
+        .flat_map(|row| (0..columns.len()).filter_map(move |column| cost_px2(row, column)))
+        .fold(f64::MIN_POSITIVE, f64::max);
+    // One match more outweighs whatever all the costs can sum to; no match weighs nothing.
+    #[allow(clippy::cast_possible_truncation, clippy::cast_possible_wrap, reason = "small counts")]
+    let weights = Matrix::from_fn(rows.len(), columns.len(), |(row, column)| {
+        let one_match = (rows.len() as i64 + 1) * RESOLUTION as i64;
+        cost_px2(row, column)
+            .map_or(0, |cost| one_match - (cost / largest_px2 * RESOLUTION).round() as i64)
+    });
+    let (_, column_of_row) = kuhn_munkres(&weights);
+
+    for (row, column) in column_of_row.into_iter().enumerate() {
+        if cost_px2(row, column).is_some() {
+            let (t, a) = if truth_in_rows { (row, column) } else { (column, row) };
+            assignment.answer_of_truth[t] = Some(a);
+            assignment.truth_of_answer[a] = Some(t);
+        }
+    }
+    assignment
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn points(coordinates: &[[f64; 2]]) -> Vec<ImagePoint> {
+        coordinates.iter().copied().map(ImagePoint::from).collect()
+    }
+
+    fn cost_px2(truth: &[ImagePoint], answers: &[ImagePoint], assignment: &Assignment) -> f64 {
+        let pairs = assignment.answer_of_truth.iter().enumerate();
+        pairs.filter_map(|(t, a)| Some(truth[t].distance_px(answers[(*a)?]).powi(2))).sum()
+    }
+
+    /// The best (matches, cost) of all one-to-one assignments from truth point `t` on.
+    fn brute_force(
+        truth: &[ImagePoint],
+        answers: &[ImagePoint],
+        gate_px: f64,
+        taken: &mut Vec<bool>,
+    ) -> (usize, f64) {
+        let Some((first, rest)) = truth.split_first() else { return (0, 0.0) };
+        let mut best = brute_force(rest, answers, gate_px, taken);
+        for a in 0..answers.len() {
+            let distance_px = first.distance_px(answers[a]);
+            if taken[a] || distance_px > gate_px {
+                continue;
+            }
+            taken[a] = true;
+            let (matches, cost) = brute_force(rest, answers, gate_px, taken);
+            taken[a] = false;
+            let candidate = (matches + 1, cost + distance_px * distance_px);
+            if candidate.0 > best.0 || (candidate.0 == best.0 && candidate.1 < best.1) {
+                best = candidate;
+            }
+        }
+        best
+    }
+
+    #[test]
+    fn nothing_is_assigned_to_nothing() {
+        let one = points(&[[1.0, 2.0]]);
+        assert_eq!(assign(&[], &[], 1.0).matches(), 0);
+        assert_eq!(assign(&one, &[], 1.0).answer_of_truth, [None]);
+        assert_eq!(assign(&[], &one, 1.0).truth_of_answer, [None]);
+    }
+
+    #[test]
+    fn one_match_more_is_worth_any_distance() {
+        // The nearest pair (truth 0, answer 1) would leave truth 1 alone.
+        let truth = points(&[[0.0, 0.0], [3.0, 0.0]]);
+        let answers = points(&[[-2.0, 0.0], [1.0, 0.0]]);
+        assert_eq!(assign(&truth, &answers, 2.5).answer_of_truth, [Some(0), Some(1)]);
+    }
+
+    #[test]
+    fn a_duplicate_answer_stays_alone() {
+        let truth = points(&[[5.0, 5.0]]);
+        let answers = points(&[[5.5, 5.0], [5.1, 5.0]]);
+        let assignment = assign(&truth, &answers, 1.0);
+        assert_eq!(assignment.answer_of_truth, [Some(1)]);
+        assert_eq!(assignment.truth_of_answer, [None, Some(0)]);
+    }
+
+    #[test]
+    fn the_gate_is_inclusive_and_may_be_zero() {
+        let truth = points(&[[0.0, 0.0]]);
+        assert_eq!(assign(&truth, &points(&[[3.0, 4.0]]), 5.0).matches(), 1);
+        assert_eq!(assign(&truth, &points(&[[3.0, 4.0]]), 4.999).matches(), 0);
+        assert_eq!(assign(&truth, &points(&[[0.0, 0.0]]), 0.0).matches(), 1);
+    }
+
+    #[test]
+    fn what_is_not_finite_is_never_matched() {
+        let odd = points(&[[f64::NAN, 0.0], [f64::INFINITY, 0.0]]);
+        let assignment = assign(&points(&[[0.0, 0.0]]), &odd, f64::INFINITY);
+        assert_eq!(assignment.truth_of_answer, [None, None]);
+        assert_eq!(assign(&odd, &odd, f64::NAN).matches(), 0);
+    }
+
+    fn some_points() -> impl Strategy<Value = Vec<ImagePoint>> {
+        let point = (0.0..6.0, 0.0..6.0).prop_map(|(x, y)| ImagePoint::new(x, y));
+        proptest::collection::vec(point, 0..=6)
+    }
+
+    proptest! {
+        #[test]
+        fn assignment_is_one_to_one_and_within_the_gate(
+            truth in some_points(), answers in some_points(), gate_px in 0.1..5.0,
+        ) {
+            let assignment = assign(&truth, &answers, gate_px);
+            for (t, a) in assignment.answer_of_truth.iter().enumerate() {
+                if let Some(a) = *a {
+                    prop_assert_eq!(assignment.truth_of_answer[a], Some(t));
+                    prop_assert!(truth[t].distance_px(answers[a]) <= gate_px);
+                }
+            }
+            prop_assert_eq!(assignment.truth_of_answer.iter().flatten().count(), assignment.matches());
+        }
+
+        #[test]
+        fn assignment_is_as_good_as_brute_force(
+            truth in some_points(), answers in some_points(), gate_px in 0.1..5.0,
+        ) {
+            let assignment = assign(&truth, &answers, gate_px);
+            let (matches, cost) =
+                brute_force(&truth, &answers, gate_px, &mut vec![false; answers.len()]);
+            prop_assert_eq!(assignment.matches(), matches);
+            prop_assert!((cost_px2(&truth, &answers, &assignment) - cost).abs() < 1e-6);
+        }
+
+        #[test]
+        fn the_order_of_the_answers_does_not_matter(
+            truth in some_points(),
+            (answers, shuffled) in some_points().prop_flat_map(|answers| {
+                (Just(answers.clone()), Just(answers).prop_shuffle())
+            }),
+            gate_px in 0.1..5.0,
+        ) {
+            let point_of_truth = |answers: &[ImagePoint]| -> Vec<Option<ImagePoint>> {
+                let assignment = assign(&truth, answers, gate_px);
+                assignment.answer_of_truth.iter().map(|a| a.map(|a| answers[a])).collect()
+            };
+            prop_assert_eq!(point_of_truth(&answers), point_of_truth(&shuffled));
+        }
+    }
+}

@@ -1,0 +1,207 @@
+//! What to measure: a camera and pipelines, each a chain of named algorithms with parameters.
+
+use std::fs;
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+use toml::Table;
+
+use crate::detect::{DETECTORS, Detector};
+use crate::error::{Error, Result};
+use crate::grasp::{ESTIMATORS, FaceSelector, GraspEstimator, SELECTORS};
+use crate::refine::{REFINERS, Refiner};
+use crate::registry::{self, Entry};
+use crate::sensor::CameraModel;
+use crate::target::{EXTRACTORS, TargetExtractor};
+
+/// What to measure, read and checked.
+pub struct Plan {
+    /// Its name: the file's.
+    pub name: String,
+    /// One line for `cornerbench list`.
+    pub summary: String,
+    /// Name of the camera model.
+    pub camera: String,
+    /// The camera model.
+    pub camera_model: CameraModel,
+    /// How far a detection may lie from the corner it is matched to \[px\].
+    pub gate_px: f64,
+    /// The pipelines, in the order of the file.
+    pub pipelines: Vec<Pipeline>,
+}
+
+/// A chain of algorithms from an exposure to a grasp.
+pub struct Pipeline {
+    /// Its name; column `method` of the records.
+    pub name: String,
+    /// Exposure to target region.
+    pub target: Stage<dyn TargetExtractor>,
+    /// Region to corner candidates.
+    pub detect: Stage<dyn Detector>,
+    /// Candidates to corners.
+    pub refine: Stage<dyn Refiner>,
+    /// Corners to the face to grasp.
+    pub face: Stage<dyn FaceSelector>,
+    /// Face to grasp point.
+    pub grasp: Stage<dyn GraspEstimator>,
+}
+
+/// An algorithm with its parameters set.
+pub struct Stage<T: ?Sized> {
+    /// Its entry's name.
+    pub name: &'static str,
+    /// Its entry's version.
+    pub version: u32,
+    /// The algorithm.
+    pub algorithm: Box<T>,
+}
+
+impl<T: ?Sized> Stage<T> {
+    /// Name and version, as records have them: "harris 1".
+    pub fn label(&self) -> String {
+        format!("{} {}", self.name, self.version)
+    }
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(default)]
+struct PlanFile {
+    summary: String,
+    camera: String,
+    gate_px: f64,
+    pipelines: Vec<Table>,
+}
+
+impl Default for PlanFile {
+    fn default() -> Self {
+        Self { summary: String::new(), camera: "ideal".into(), gate_px: 5.0, pipelines: Vec::new() }
+    }
+}
+
+#[derive(Default, Serialize, Deserialize)]
+#[serde(default)]
+struct PipelineFile {
+    name: String,
+    target: Table,
+    detect: Table,
+    refine: Table,
+    face: Table,
+    grasp: Table,
+}
+
+impl Plan {
+    /// Reads `plans/NAME.toml` in the folder of recipes, and the camera that it names.
+    ///
+    /// # Errors
+    /// For an unknown name or key, or a value out of range: with file, key, found, allowed.
+    pub fn read(recipes: &Path, name: &str) -> Result<Self> {
+        let (place, table) = read_table(recipes, "plans", name)?;
+        let file: PlanFile = registry::parameters(&place, &table)?;
+        registry::in_range(&place, "gate_px", file.gate_px, 0.01..=100.0)?;
+        let (camera_place, camera_table) = read_table(recipes, "cameras", &file.camera)?;
+        let camera_model: CameraModel = registry::parameters(&camera_place, &camera_table)?;
+        camera_model.check(&camera_place)?;
+        let pipelines = file
+            .pipelines
+            .iter()
+            .enumerate()
+            .map(|(index, table)| Pipeline::build(&format!("{place}: pipelines.{index}"), table))
+            .collect::<Result<Vec<_>>>()?;
+        if pipelines.is_empty() {
+            return Err(Error::Other(format!("{place}: no pipelines; add a [[pipelines]] table")));
+        }
+        let mut names: Vec<_> = pipelines.iter().map(|pipeline| &pipeline.name).collect();
+        names.sort();
+        if let Some(twice) = names.windows(2).find(|pair| pair[0] == pair[1]) {
+            let problem = format!("{place}: two pipelines are called {:?}", twice[0]);
+            return Err(Error::Other(problem));
+        }
+        Ok(Self {
+            name: name.to_owned(),
+            summary: file.summary,
+            camera: file.camera,
+            camera_model,
+            gate_px: file.gate_px,
+            pipelines,
+        })
+    }
+}
+
+impl Pipeline {
+    fn build(place: &str, table: &Table) -> Result<Self> {
+        let file: PipelineFile = registry::parameters(place, table)?;
+        if file.name.is_empty() {
+            return Err(Error::Other(format!("{place}: name is missing")));
+        }
+        Ok(Self {
+            target: stage(place, "target", "target extractor", EXTRACTORS, file.target)?,
+            detect: stage(place, "detect", "detector", DETECTORS, file.detect)?,
+            refine: stage(place, "refine", "refiner", REFINERS, file.refine)?,
+            face: stage(place, "face", "face selector", SELECTORS, file.face)?,
+            grasp: stage(place, "grasp", "grasp estimator", ESTIMATORS, file.grasp)?,
+            name: file.name,
+        })
+    }
+}
+
+/// Builds the algorithm that a stage's table names in its key `algorithm`; the rest of the table
+/// are its parameters.
+fn stage<T: ?Sized>(
+    place: &str,
+    key: &str,
+    kind: &str,
+    entries: &[Entry<T>],
+    mut table: Table,
+) -> Result<Stage<T>> {
+    let place = format!("{place}.{key}");
+    let name = match table.remove("algorithm") {
+        Some(toml::Value::String(name)) => name,
+        Some(other) => {
+            return Err(Error::OutOfRange {
+                place,
+                key: "algorithm".into(),
+                found: other.to_string(),
+                allowed: "a name in quotes".into(),
+            });
+        }
+        None => return Err(Error::Other(format!("{place}: algorithm is missing"))),
+    };
+    let entry = registry::find(entries, kind, &name, &place)?;
+    let algorithm = (entry.build)(&place, &table)?;
+    Ok(Stage { name: entry.name, version: entry.version, algorithm })
+}
+
+/// The names of the recipes in a folder, sorted.
+pub fn recipe_names(recipes: &Path, folder: &str) -> Vec<String> {
+    let mut names: Vec<String> = fs::read_dir(recipes.join(folder))
+        .into_iter()
+        .flatten()
+        .flatten()
+        .map(|entry| entry.path())
+        .filter(|path| path.extension().is_some_and(|extension| extension == "toml"))
+        .filter_map(|path| Some(path.file_stem()?.to_str()?.to_owned()))
+        .collect();
+    names.sort();
+    names
+}
+
+/// The table of one recipe file, and the words that name the file in messages.
+///
+/// # Errors
+/// For an unknown name, or a file that is not TOML.
+pub fn read_table(recipes: &Path, folder: &str, name: &str) -> Result<(String, Table)> {
+    let known = recipe_names(recipes, folder);
+    if !known.iter().any(|one| one == name) {
+        return Err(Error::UnknownName {
+            place: recipes.join(folder).display().to_string(),
+            kind: folder.trim_end_matches('s').to_owned(),
+            found: name.to_owned(),
+            known,
+        });
+    }
+    let path = recipes.join(folder).join(format!("{name}.toml"));
+    let text = fs::read_to_string(&path).map_err(Error::io(&path, "read"))?;
+    let table =
+        text.parse().map_err(|error: toml::de::Error| Error::malformed(&path, error.to_string()))?;
+    Ok((path.display().to_string(), table))
+}

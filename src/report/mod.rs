@@ -1,0 +1,132 @@
+//! Records -> terminal, page and pictures. Reads a run's folder; runs no algorithm.
+
+mod figures;
+pub mod summary;
+mod svg;
+pub mod terminal;
+pub mod words;
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use minijinja::Environment;
+use minijinja::value::Serde;
+use serde_json::json;
+
+use crate::error::{Error, Result};
+use crate::files::write_whole;
+use crate::record::{Record, kind, read_records};
+use crate::report::summary::{Summary, summarise};
+use crate::run::{RunDescription, read_sketch, write_json};
+
+/// Writes summary.json and report/ of the run in `folder`, from its records and pictures, and
+/// returns the summary and the page.
+///
+/// # Errors
+/// When the run's files are missing or the report cannot be written.
+pub fn write(folder: &Path) -> Result<(Summary, PathBuf)> {
+    let records = read_records(&folder.join("records.parquet"))?;
+    let path = folder.join("run.json");
+    let bytes = fs::read(&path).map_err(Error::io(&path, "read"))?;
+    let run: RunDescription =
+        serde_json::from_slice(&bytes).map_err(|error| Error::malformed(&path, error))?;
+    let summary = summarise(&records);
+    write_json(&folder.join("summary.json"), &summary)?;
+
+    let report = folder.join("report");
+    if report.exists() {
+        fs::remove_dir_all(&report).map_err(Error::io(&report, "replace"))?;
+    }
+    fs::create_dir_all(&report).map_err(Error::io(&report, "create"))?;
+    let mut sections = Vec::new();
+    for method in &summary.methods {
+        for scene in &method.scenes {
+            let sketch = read_sketch(folder, &scene.scene, &method.method)?;
+            let rows: Vec<&Record> = records
+                .iter()
+                .filter(|record| record.scene == scene.scene && record.method == method.method)
+                .collect();
+            let figures = figures::draw(folder, &method.method, &sketch, &rows)?;
+            for figure in &figures {
+                write_whole(&report.join(&figure.file), |path| {
+                    fs::write(path, &figure.svg).map_err(Error::io(path, "write"))
+                })?;
+            }
+            let grasp = rows.iter().find(|record| record.kind == kind::GRASP);
+            sections.push(json!({
+                "method": method.method,
+                "scene": scene,
+                "face": words::face(scene),
+                "sketch": sketch,
+                "figures": figures,
+                "corners": table_one(&rows),
+                "grasp": grasp.map(|record| json!({
+                    "image_error_px": record.grasp_image_error_px,
+                    "axial_mm": record.grasp_axial_error_mm,
+                    "lateral_mm": record.grasp_lateral_error_mm,
+                    "error_mm": record.grasp_error_mm,
+                    "world_m": [
+                        record.grasp_world_x_m, record.grasp_world_y_m, record.grasp_world_z_m,
+                    ],
+                    "chosen_face": record.chosen_face,
+                })),
+            }));
+        }
+    }
+    let mut environment = Environment::new();
+    environment.add_filter("px", |value: Option<f64>| words::px(value));
+    environment.add_filter("px3", |value: Option<f64>| {
+        value.map_or_else(|| "-".to_owned(), |value| format!("{value:.3}"))
+    });
+    environment.add_filter("mm", |value: Option<f64>| words::mm(value));
+    environment.add_filter("percent", |value: Option<f64>| words::percent(value));
+    environment
+        .add_template("index.html", include_str!("index.html"))
+        .map_err(|error| Error::Other(format!("the report's template: {error:#}")))?;
+    let content = json!({
+        "run": run,
+        "summary": summary,
+        "findings": summary.methods.iter().map(words::findings).collect::<Vec<_>>(),
+        "verdicts": summary.methods.iter().map(words::verdict).collect::<Vec<_>>(),
+        "sections": sections,
+    });
+    let page = environment
+        .get_template("index.html")
+        .and_then(|template| template.render(Serde(&content)))
+        .map_err(|error| Error::Other(format!("the report's template: {error:#}")))?;
+    let path = report.join("index.html");
+    write_whole(&path, |path| fs::write(path, &page).map_err(Error::io(path, "write")))?;
+    Ok((summary, path))
+}
+
+/// The rows of the paper's Table 1 for one scene: found corners, then missed ones, then the rest.
+fn table_one(rows: &[&Record]) -> Vec<serde_json::Value> {
+    let order = |record: &Record| match record.status.as_str() {
+        "ok" => 0,
+        "missed" => 1,
+        "false" => 2,
+        "ignored" => 3,
+        _ => 4,
+    };
+    let mut corners: Vec<&&Record> = rows
+        .iter()
+        .filter(|record| [kind::CORNER, kind::FALSE_CORNER].contains(&record.kind.as_str()))
+        .collect();
+    corners.sort_by_key(|record| order(record));
+    corners
+        .iter()
+        .map(|record| {
+            json!({
+                "status": record.status,
+                "visibility": record.visibility,
+                "index": record.corner_index,
+                "detected": [record.detected_x_px, record.detected_y_px],
+                "refined": [record.refined_x_px, record.refined_y_px],
+                "truth": [record.true_x_px, record.true_y_px],
+                "before": record.detected_error_px,
+                "after": record.refined_error_px,
+                "refine_status": record.refine_status,
+            })
+        })
+        .collect()
+}

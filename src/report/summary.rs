@@ -1,0 +1,276 @@
+//! Records -> what they say, in numbers.
+
+use serde::Serialize;
+
+use crate::record::{Record, kind, status};
+use crate::stats;
+
+/// What a run's records say; RUN/summary.json.
+#[derive(Clone, Debug, Serialize)]
+pub struct Summary {
+    /// Scenes that could not be read, each with its reason.
+    pub unreadable: Vec<Unreadable>,
+    /// One per pipeline, in the order of the records.
+    pub methods: Vec<MethodSummary>,
+}
+
+/// A scene that could not be read.
+#[derive(Clone, Debug, Serialize)]
+pub struct Unreadable {
+    /// Its name.
+    pub scene: String,
+    /// Why.
+    pub reason: String,
+}
+
+/// What the records say of one pipeline.
+#[derive(Clone, Debug, Serialize)]
+pub struct MethodSummary {
+    /// Its name.
+    pub method: String,
+    /// Detector and version.
+    pub detector: String,
+    /// Refiner and version.
+    pub refiner: String,
+    /// Over all scenes.
+    pub corners: CornerSummary,
+    /// Over all scenes.
+    pub grasps: GraspSummary,
+    /// Scene by scene.
+    pub scenes: Vec<SceneSummary>,
+}
+
+/// One scene and pipeline.
+#[derive(Clone, Debug, Serialize)]
+pub struct SceneSummary {
+    /// Its name.
+    pub scene: String,
+    /// Share of the target's image area that nothing hides.
+    pub target_visible_fraction: Option<f64>,
+    /// Its corners.
+    pub corners: CornerSummary,
+    /// What became of the grasp.
+    pub grasp_status: String,
+    /// Why, where the status alone does not say it.
+    pub grasp_reason: Option<String>,
+    /// Whether the least occluded face was chosen; none where no face was.
+    pub face_is_right: Option<bool>,
+    /// Distance of the grasp point from the true face's centre \[mm\].
+    pub grasp_error_mm: Option<f64>,
+    /// Its part along the optical axis \[mm\].
+    pub grasp_axial_error_mm: Option<f64>,
+    /// Its part across the optical axis \[mm\].
+    pub grasp_lateral_error_mm: Option<f64>,
+}
+
+/// Corners asked for, found, missed, false, and how far the found ones are off.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct CornerSummary {
+    /// Visible corners: those asked for.
+    pub visible: usize,
+    /// Visible corners that were found.
+    pub found: usize,
+    /// Visible corners that were not.
+    pub missed: usize,
+    /// Answers where no corner is.
+    pub false_corners: usize,
+    /// Answers at occluded corners, neither right nor wrong.
+    pub ignored: usize,
+    /// Found corners that the refiner gave an answer for; the others keep the detector's position.
+    pub refined: usize,
+    /// Found corners whose refined position is closer to the truth than the detector's.
+    pub improved: usize,
+    /// The detector's errors over the found corners.
+    pub detected: Option<Errors>,
+    /// The refiner's errors over the same corners.
+    pub refined_errors: Option<Errors>,
+}
+
+/// Distances from the truth.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Errors {
+    /// Root mean square \[px\].
+    pub rmse_px: f64,
+    /// Median \[px\].
+    pub median_px: f64,
+    /// Largest \[px\].
+    pub max_px: f64,
+}
+
+/// What became of the grasps.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct GraspSummary {
+    /// Scenes: grasps asked for.
+    pub asked: usize,
+    /// Grasp points computed.
+    pub answered: usize,
+    /// Of these, on the least occluded face.
+    pub face_right: usize,
+    /// Of these, on a quadrilateral that covers no face.
+    pub no_face_covered: usize,
+    /// Median distance from the true face's centre \[mm\].
+    pub median_error_mm: Option<f64>,
+    /// Median of its part along the optical axis, without sign \[mm\].
+    pub median_axial_error_mm: Option<f64>,
+    /// Median of its part across the optical axis \[mm\].
+    pub median_lateral_error_mm: Option<f64>,
+}
+
+/// Summarises records.
+pub fn summarise(records: &[Record]) -> Summary {
+    let unreadable = records
+        .iter()
+        .filter(|record| record.kind == kind::SCENE)
+        .map(|record| Unreadable {
+            scene: record.scene.clone(),
+            reason: record.reason.clone().unwrap_or_default(),
+        })
+        .collect();
+    let measured = || records.iter().filter(|record| record.kind != kind::SCENE);
+    let methods = distinct(measured().map(|record| record.method.as_str()));
+    Summary {
+        unreadable,
+        methods: methods
+            .iter()
+            .map(|method| {
+                let of_method: Vec<&Record> = measured().filter(|r| r.method == *method).collect();
+                summarise_method(method, &of_method)
+            })
+            .collect(),
+    }
+}
+
+fn summarise_method(method: &str, records: &[&Record]) -> MethodSummary {
+    let scenes = distinct(records.iter().map(|record| record.scene.as_str()))
+        .iter()
+        .map(|scene| {
+            let of_scene: Vec<&Record> =
+                records.iter().copied().filter(|record| record.scene == *scene).collect();
+            let grasp = of_scene.iter().find(|record| record.kind == kind::GRASP);
+            SceneSummary {
+                scene: (*scene).to_owned(),
+                target_visible_fraction: grasp.and_then(|g| g.target_visible_fraction),
+                corners: corners(&of_scene),
+                grasp_status: grasp.map(|g| g.status.clone()).unwrap_or_default(),
+                grasp_reason: grasp.and_then(|g| g.reason.clone()),
+                face_is_right: grasp.and_then(|g| g.face_is_right),
+                grasp_error_mm: grasp.and_then(|g| g.grasp_error_mm),
+                grasp_axial_error_mm: grasp.and_then(|g| g.grasp_axial_error_mm),
+                grasp_lateral_error_mm: grasp.and_then(|g| g.grasp_lateral_error_mm),
+            }
+        })
+        .collect();
+    MethodSummary {
+        method: method.to_owned(),
+        detector: records.first().map(|r| r.detector.clone()).unwrap_or_default(),
+        refiner: records.first().map(|r| r.refiner.clone()).unwrap_or_default(),
+        corners: corners(records),
+        grasps: grasps(records),
+        scenes,
+    }
+}
+
+fn corners(records: &[&Record]) -> CornerSummary {
+    let count = |kind: &str, status: &str| {
+        records.iter().filter(|r| r.kind == kind && r.status == status).count()
+    };
+    let pairs: Vec<(f64, f64)> = records
+        .iter()
+        .filter_map(|record| Some((record.detected_error_px?, record.refined_error_px?)))
+        .collect();
+    let answered = |record: &&&Record| {
+        record.kind == kind::CORNER
+            && matches!(record.refine_status.as_deref(), Some("ok" | "max_iterations"))
+    };
+    let (found, missed) = (count(kind::CORNER, status::OK), count(kind::CORNER, status::MISSED));
+    CornerSummary {
+        visible: found + missed,
+        found,
+        missed,
+        false_corners: count(kind::FALSE_CORNER, status::FALSE),
+        ignored: count(kind::FALSE_CORNER, status::IGNORED),
+        refined: records.iter().filter(answered).count(),
+        improved: pairs.iter().filter(|(detected, refined)| refined < detected).count(),
+        detected: errors(pairs.iter().map(|pair| pair.0)),
+        refined_errors: errors(pairs.iter().map(|pair| pair.1)),
+    }
+}
+
+fn errors(distances: impl Iterator<Item = f64>) -> Option<Errors> {
+    let distances: Vec<f64> = distances.collect();
+    Some(Errors {
+        rmse_px: stats::root_mean_square(&distances)?,
+        median_px: stats::median(&distances)?,
+        max_px: stats::quantile(&distances, 1.0)?,
+    })
+}
+
+fn grasps(records: &[&Record]) -> GraspSummary {
+    let asked: Vec<&&Record> = records.iter().filter(|r| r.kind == kind::GRASP).collect();
+    let answered: Vec<&&&Record> = asked.iter().filter(|r| r.grasp_error_mm.is_some()).collect();
+    let median = |value: &dyn Fn(&Record) -> Option<f64>| {
+        stats::median(&answered.iter().filter_map(|r| value(r)).collect::<Vec<_>>())
+    };
+    GraspSummary {
+        asked: asked.len(),
+        answered: answered.len(),
+        face_right: answered.iter().filter(|r| r.face_is_right == Some(true)).count(),
+        no_face_covered: answered.iter().filter(|r| r.chosen_face.is_none()).count(),
+        median_error_mm: median(&|r| r.grasp_error_mm),
+        median_axial_error_mm: median(&|r| r.grasp_axial_error_mm.map(f64::abs)),
+        median_lateral_error_mm: median(&|r| r.grasp_lateral_error_mm),
+    }
+}
+
+fn distinct<'a>(names: impl Iterator<Item = &'a str>) -> Vec<&'a str> {
+    let mut found: Vec<&str> = Vec::new();
+    for name in names {
+        if !found.contains(&name) {
+            found.push(name);
+        }
+    }
+    found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn corner(status: &str, errors: Option<(f64, f64)>) -> Record {
+        Record {
+            scene: "a".into(),
+            method: "paper".into(),
+            kind: kind::CORNER.into(),
+            status: status.into(),
+            detected_error_px: errors.map(|pair| pair.0),
+            refined_error_px: errors.map(|pair| pair.1),
+            refine_status: errors.map(|_| "ok".into()),
+            ..Record::default()
+        }
+    }
+
+    #[test]
+    fn errors_and_counts_are_those_of_the_rows() {
+        let records = [
+            corner(status::OK, Some((3.0, 1.0))),
+            corner(status::OK, Some((1.0, 2.0))),
+            corner(status::MISSED, None),
+            corner(status::HIDDEN, None),
+            Record { kind: kind::SCENE.into(), reason: Some("gone".into()), ..Record::default() },
+        ];
+        let summary = summarise(&records);
+        assert_eq!(summary.unreadable.len(), 1);
+        let corners = &summary.methods[0].corners;
+        assert_eq!((corners.visible, corners.found, corners.missed), (3, 2, 1));
+        assert_eq!((corners.improved, corners.refined), (1, 2));
+        let detected = corners.detected.expect("two");
+        assert!((detected.rmse_px - 5.0_f64.sqrt()).abs() < 1e-12);
+        assert!((detected.median_px - 2.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn errors_of_no_found_corner_are_none() {
+        let summary = summarise(&[corner(status::MISSED, None)]);
+        assert_eq!(summary.methods[0].corners.detected, None);
+    }
+}
