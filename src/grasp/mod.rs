@@ -14,7 +14,7 @@ pub mod least_occluded;
 /// A face of the target as it was recognised in the image.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Face {
-    /// Its corners, clockwise as seen (x right, y down).
+    /// Its corners \[px\], clockwise as seen (x right, y down).
     pub corners: [ImagePoint; 4],
     /// Share of its pixels that are not the target's, in \[0, 1\].
     pub gap_fraction: f64,
@@ -27,6 +27,16 @@ pub enum NoFace {
     TooFewCorners,
     /// No four corners bound a face with small or no gaps.
     AllOccluded,
+}
+
+impl NoFace {
+    /// The name used in records.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::TooFewCorners => "too_few_corners",
+            Self::AllOccluded => "all_occluded",
+        }
+    }
 }
 
 /// Chooses the face to grasp.
@@ -59,6 +69,15 @@ pub struct Grasp {
 pub enum NoGrasp {
     /// The range sensor saw nothing there.
     NoRange,
+}
+
+impl NoGrasp {
+    /// The name used in records.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::NoRange => "no_range",
+        }
+    }
 }
 
 /// Computes a grasp point from a face.
