@@ -18,6 +18,8 @@ use crate::stats;
 const END_MARGIN_PX: f64 = 4.0;
 /// How far to either side of an edge the film is used \[px\].
 const HALF_BAND_PX: f64 = 3.0;
+/// Film cells to either side of a step over which the partial area is summed.
+const NARROW: f64 = 4.0;
 /// Edges shorter than this between the margins are not used \[px\].
 const SHORTEST_PX: f64 = 16.0;
 /// Depth by which the background must lie behind a silhouette \[m\]: nearer surfaces touch the
@@ -46,20 +48,27 @@ pub struct MeanOffset {
     pub mean_px: [f64; 2],
     /// Length of the mean offset \[px\].
     pub length_px: f64,
-    /// Standard error of the mean, from the corners' scatter \[px\].
+    /// Standard error of the mean, from those of the corners \[px\].
     pub standard_error_px: [f64; 2],
 }
 
-/// The mean of `offsets`; `None` of fewer than two.
+/// The mean of `offsets`, each weighted by its precision; `None` of fewer than two.
 pub fn mean_offset(offsets: &[CornerOffset]) -> Option<MeanOffset> {
-    let axis = |axis: usize| -> Vec<f64> { offsets.iter().map(|o| o.offset_px[axis]).collect() };
-    let (x, y) = (axis(0), axis(1));
-    let mean_px = [stats::mean(&x)?, stats::mean(&y)?];
+    if offsets.len() < 2 {
+        return None;
+    }
+    let axis = |axis: usize| {
+        let weight = |offset: &CornerOffset| offset.standard_error_px[axis].powi(-2);
+        let total: f64 = offsets.iter().map(weight).sum();
+        let sum: f64 = offsets.iter().map(|offset| weight(offset) * offset.offset_px[axis]).sum();
+        (sum / total, total.sqrt().recip())
+    };
+    let ((x, x_error), (y, y_error)) = (axis(0), axis(1));
     Some(MeanOffset {
         corners: offsets.len(),
-        mean_px,
-        length_px: mean_px[0].hypot(mean_px[1]),
-        standard_error_px: [stats::standard_error(&x)?, stats::standard_error(&y)?],
+        mean_px: [x, y],
+        length_px: x.hypot(y),
+        standard_error_px: [x_error, y_error],
     })
 }
 
@@ -257,6 +266,8 @@ fn find_step(scene: &Scene, axis: usize, column: i64, expected: f64) -> Option<(
             fit_ramp(&points)
         };
         let ((a0, a1), (b0, b1)) = (ramp(&below)?, ramp(&above)?);
+        // The sum needs only the cells around the step; more of them would add noise.
+        let (from, to) = ((step - NARROW).round() as i64, (step + NARROW).round() as i64);
         let total: f64 = (from..to).map(level).sum();
         let integral = |(value, slope): (f64, f64), from: f64, to: f64| {
             value * (to - from) + 0.5 * slope * (to * to - from * from)
@@ -271,7 +282,7 @@ fn find_step(scene: &Scene, axis: usize, column: i64, expected: f64) -> Option<(
             }
             t -= excess / slope;
         }
-        if !t.is_finite() || t.abs() > half - clear - 2.0 {
+        if !t.is_finite() || (expected + t - step).abs() > NARROW + half {
             return None;
         }
         step = expected + t;

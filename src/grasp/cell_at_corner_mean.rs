@@ -1,21 +1,27 @@
 //! The range cell at the mean of a face's corners.
-//! # Method      u = (p0 + p1 + p2 + p3) / 4;  X_camera = the XYZ point of the range cell whose ray is nearest to u;
-//!               X_world = world_from_camera * X_camera.
-//! # Input       a face of four corners; the colour camera and its pose; a range image that shares the pose.
-//! # Parameters  lookup  "cell" (default): X_camera is the cell's own point, as in the source;
-//!                       "ray": the point on the ray through u with the cell's depth.
-//! # Output      u \[px\], the grasp point in the camera frame and in the world \[m\]; `NoRange` where the cell is empty.
-//! # Border      a point outside the range image takes the nearest cell of its border.
+//!
+//! ```text
+//! # Method      u = (p0 + p1 + p2 + p3) / 4;  X = the point of the range cell whose ray is nearest
+//!               to the ray through u;  X_world = world_from_camera * X.
+//! # Input       a face; the colour camera and its pose; a range image that shares the pose.
+//! # Parameters  lookup  cell   cell: X is the cell's own point, as in the source;
+//!                              ray: X is the point on the ray through u at the cell's depth
+//! # Output      u [px], X in the camera frame and in the world [m]; no_range where the cell is
+//!               empty.
+//! # Border      beyond the range image, the nearest cell of its border.
 //! # Cost        O(1).
-//! # Departures  none with "cell"; "ray" is ours.
-//!               Approximate twice, as the source says. Under perspective the mean of the corners is not the image
-//!               of the face's centre: it errs towards the near side by about f a^2 sin t cos t / (Z^2 - a^2 sin^2 t)
-//!               px (face length 2a, tilt t, distance Z, focal length f), 14 px = 8 mm for a = 100 mm, Z = 0.6 m,
-//!               t = 45 deg, f = 1000 px. And a cell of the source's 32 x 32 sensor covers 16 x 16 px: its point lies
-//!               up to 8 px beside u ("ray" removes that sideways error, not the error in depth), and near an edge
-//!               it may not lie on the face.
-//! # Source      Visual recognition of robot targets in complex state based on sub-pixel Harris corner, section 5.
+//! # Departures  none with cell; ray is ours. The source calls its points approximate; they are so
+//!               twice. The mean of the corners is not the image of the face's centre: it errs
+//!               towards the near side by
+//!                 f a^2 sin t cos t / (Z^2 - a^2 sin^2 t) px
+//!               (length 2a, tilt t, depth Z, focal length f): 14 px = 8 mm for a = 100 mm,
+//!               Z = 0.6 m, t = 45 deg, f = 1000 px. And a cell of the source's 32 x 32 sensor
+//!               covers 16 x 16 px: its point lies up to 8 px in x and y beside u, perhaps on
+//!               another face (ray removes the sideways error, not the error in depth).
+//! # Source      Visual recognition of robot targets in complex state based on sub-pixel Harris
+//!               corner, section 5.
 //! # Checked by  tests below (hand numbers)
+//! ```
 
 use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
@@ -31,7 +37,8 @@ use crate::sensor::{RangeImage, Rig};
 pub const ENTRY: Entry<dyn GraspEstimator> = Entry {
     name: "cell_at_corner_mean",
     summary: "the range cell nearest to the mean of the face's four corners",
-    reference: "Visual recognition of robot targets in complex state based on sub-pixel Harris corner, section 5",
+    reference: "Visual recognition of robot targets in complex state based on sub-pixel Harris \
+                corner, section 5",
     version: 1,
     build: |place, table| Ok(Box::new(CellAtCornerMean::from_table(place, table)?)),
 };

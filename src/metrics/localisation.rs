@@ -48,7 +48,7 @@ pub fn score_corners(truth: &Truth, answers: &[Corner], gate_px: f64) -> Vec<Cor
     };
     let detected: Vec<_> = answers.iter().map(|corner| corner.seed.point).collect();
     let (visible, visible_points) = positions(Visibility::Visible);
-    let matched = assign(&detected, &visible_points, gate_px);
+    let matched = assign(&visible_points, &detected, gate_px);
 
     let mut scores: Vec<CornerScore> = truth
         .corners
@@ -75,7 +75,7 @@ pub fn score_corners(truth: &Truth, answers: &[Corner], gate_px: f64) -> Vec<Cor
     let left_over: Vec<usize> =
         (0..answers.len()).filter(|index| matched.truth_of_answer[*index].is_none()).collect();
     let left_over_points: Vec<_> = left_over.iter().map(|index| detected[*index]).collect();
-    let at_occluded = assign(&left_over_points, &occluded_points, gate_px);
+    let at_occluded = assign(&occluded_points, &left_over_points, gate_px);
     scores.extend(left_over.iter().zip(&at_occluded.truth_of_answer).map(|(index, occluded)| {
         CornerScore {
             fate: if occluded.is_some() { Fate::Ignored } else { Fate::False },

@@ -2,5 +2,5 @@
 
 mod contract;
 mod drawn;
-mod oracle;
 mod grasp;
+mod oracle;
