@@ -199,6 +199,7 @@ def lay_out(suite: str, recipe: SceneRecipe, family: Family) -> Scene:
             family.light.area_position_m, family.light.area_jitter_m, f"{key}/area"
         ),
         area_size_m=family.light.area_size_m,
+        aim_m=_point(target.vertices_m().mean(axis=0)),
     )
     return Scene(camera, range_camera, world_from_camera, target, best[1], surfaces, light, best[2])
 
@@ -265,11 +266,15 @@ def _pose(
     return looking_at(np.array(position), centre)
 
 
+def _point(values: Float[np.ndarray, "3"]) -> tuple[float, float, float]:
+    x, y, z = (float(value) for value in values)
+    return x, y, z
+
+
 def _jittered(
     point_m: tuple[float, float, float], jitter_m: float, key: str
 ) -> tuple[float, float, float]:
-    x, y, z = stream(key, "jitter").uniform(-jitter_m, jitter_m, 3) + point_m
-    return float(x), float(y), float(z)
+    return _point(stream(key, "jitter").uniform(-jitter_m, jitter_m, 3) + point_m)
 
 
 def _build(key: str, object_id: int, recipe: ObjectRecipe) -> tuple[ObjectRecipe, PlacedObject]:

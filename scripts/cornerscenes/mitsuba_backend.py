@@ -9,7 +9,7 @@ import mitsuba
 import numpy as np
 from jaxtyping import Bool, Float, UInt32
 
-from cornerscenes.camera import Camera, inverse, transformed
+from cornerscenes.camera import Camera, inverse, looking_at, transformed
 from cornerscenes.room import Surface
 from cornerscenes.shape import Material, Part
 
@@ -25,7 +25,7 @@ SHORTENED = 1.0 - 1e-5
 
 @dataclass(frozen=True)
 class Light:
-    """Sky from everywhere and one rectangular area light that faces down.
+    """Sky from above and one square area light.
 
     Attributes
     ----------
@@ -37,6 +37,8 @@ class Light:
         Its centre in the world [m].
     area_size_m : float
         Its side [m].
+    aim_m : tuple[float, float, float]
+        The point in the world that it faces [m].
     """
 
     sky_zenith: tuple[float, float, float]
@@ -44,6 +46,7 @@ class Light:
     area_radiance: float
     area_position_m: tuple[float, float, float]
     area_size_m: float
+    aim_m: tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -100,8 +103,8 @@ class World:
     ) -> None:
         description: dict[str, Any] = {
             "type": "scene",
-            # Russian roulette from the second bounce on: unbiased, and twice the paths per second.
-            "integrator": {"type": "path", "max_depth": max_depth, "rr_depth": 2},
+            # Measured on the paper's scene: variance times time is the same for 2, 3 and 5.
+            "integrator": {"type": "path", "max_depth": max_depth, "rr_depth": 3},
         }
         self._id_of_shape: dict[str, int] = {}
         for index, solid in enumerate(solids):
@@ -319,10 +322,10 @@ def _lights(light: Light) -> dict[str, Any]:
     elevation = np.linspace(np.pi / 2, -np.pi / 2, 64)  # rows of the map from zenith to nadir
     blend = np.clip(np.sin(elevation), 0.0, 1.0)[:, None]
     sky = (1.0 - blend) * np.array(light.sky_horizon) + blend * np.array(light.sky_zenith)
+    sky[elevation < 0.0] = 0.0  # below the floor: no path may be wasted on it
     pixels = np.repeat(sky[:, None, :], 128, axis=1).astype(np.float32)
-    half = 0.5 * light.area_size_m
-    downwards = np.diag([half, -half, -1.0, 1.0])
-    downwards[:3, 3] = light.area_position_m
+    towards_aim = looking_at(np.array(light.area_position_m), np.array(light.aim_m))
+    scale = np.diag([0.5 * light.area_size_m, 0.5 * light.area_size_m, 1.0, 1.0])
     upright = np.array([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]], dtype=np.float64)
     return {
         "sky": {
@@ -333,7 +336,7 @@ def _lights(light: Light) -> dict[str, Any]:
         "area": {
             "type": "rectangle",
             "id": "area",
-            "to_world": mi.ScalarTransform4f(downwards),
+            "to_world": mi.ScalarTransform4f(towards_aim @ scale),
             "emitter": {
                 "type": "area",
                 "radiance": {"type": "rgb", "value": [light.area_radiance] * 3},

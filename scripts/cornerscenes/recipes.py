@@ -87,7 +87,7 @@ class ObjectRecipe(_Table):
 
 
 class LightRecipe(_Table):
-    """Sky light from everywhere and one rectangular area light."""
+    """Sky light and one square area light that faces the target."""
 
     sky_zenith: Annotated[tuple[Positive, Positive, Positive], Field(strict=False)]
     sky_horizon: Annotated[tuple[Positive, Positive, Positive], Field(strict=False)]

@@ -100,4 +100,4 @@ def _plaster(generator: np.random.Generator) -> Texture:
     size = 512
     marks = gaussian_filter(generator.standard_normal((size, size)), 3.0)
     marks /= marks.std()
-    return np.clip((1.0 + 0.012 * marks)[..., None] * np.array([0.72, 0.71, 0.66]), 0.0, 0.95)
+    return np.clip((1.0 + 0.012 * marks)[..., None] * np.array([0.44, 0.44, 0.42]), 0.0, 0.95)
