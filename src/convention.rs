@@ -243,9 +243,10 @@ fn find_step(scene: &Scene, axis: usize, column: i64, expected: f64) -> Option<(
         let below: Vec<i64> = (from..to).filter(|v| (*v as f64 + 1.0) < step - clear).collect();
         let above: Vec<i64> = (from..to).filter(|v| *v as f64 > step + clear).collect();
         let mean = |cells: &[i64]| -> [f64; 3] {
-            let sum = cells.iter().map(|v| cell(*v)).fold([0.0; 3], |a, b| {
-                [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
-            });
+            let sum = cells
+                .iter()
+                .map(|v| cell(*v))
+                .fold([0.0; 3], |a, b| [a[0] + b[0], a[1] + b[1], a[2] + b[2]]);
             sum.map(|value| value / cells.len() as f64)
         };
         let (mean_below, mean_above) = (mean(&below), mean(&above));

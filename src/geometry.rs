@@ -88,11 +88,7 @@ impl Camera {
 
     /// The direction of the ray through `point`, in the camera frame, scaled to z = 1.
     pub fn ray(&self, point: ImagePoint) -> Vector3<f64> {
-        Vector3::new(
-            (point.x - self.cx_px) / self.fx_px,
-            (point.y - self.cy_px) / self.fy_px,
-            1.0,
-        )
+        Vector3::new((point.x - self.cx_px) / self.fx_px, (point.y - self.cy_px) / self.fy_px, 1.0)
     }
 
     /// The point of the camera frame \[m\] seen at `point` with depth `depth_m` along the axis.

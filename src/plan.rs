@@ -201,7 +201,8 @@ pub fn read_table(recipes: &Path, folder: &str, name: &str) -> Result<(String, T
     }
     let path = recipes.join(folder).join(format!("{name}.toml"));
     let text = fs::read_to_string(&path).map_err(Error::io(&path, "read"))?;
-    let table =
-        text.parse().map_err(|error: toml::de::Error| Error::malformed(&path, error.to_string()))?;
+    let table = text
+        .parse()
+        .map_err(|error: toml::de::Error| Error::malformed(&path, error.to_string()))?;
     Ok((path.display().to_string(), table))
 }

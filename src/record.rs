@@ -180,9 +180,11 @@ pub fn read_records(path: &Path) -> Result<Vec<Record>> {
     let mut records = Vec::new();
     for row in reader.get_row_iter(None).map_err(failed)? {
         let row = row.map_err(failed)?.to_json_value();
-        records.push(serde_json::from_value::<Record>(row).map_err(|error| {
-            Error::malformed(path, format!("row {}: {error}", records.len()))
-        })?);
+        records.push(
+            serde_json::from_value::<Record>(row).map_err(|error| {
+                Error::malformed(path, format!("row {}: {error}", records.len()))
+            })?,
+        );
     }
     if let Some(other) = records.iter().find(|record| record.record_version != RECORD_VERSION) {
         let problem = format!(

@@ -61,11 +61,15 @@ def render_film(
     x1, y1 = np.clip(high, 0, [camera.width, camera.height])
     fovea = (int(x0), int(y0), int(x1), int(y1))
     whole = (0, 0, camera.width, camera.height)
-    coarse, coarse_variance = _passes(scene, world, recipe, 1, whole, f"{key}/periphery")
+    coarse, coarse_variance = _passes(
+        scene, world, recipe.passes, recipe.periphery_samples, 1, whole, f"{key}/periphery"
+    )
     radiance = np.repeat(np.repeat(coarse, scale, axis=0), scale, axis=1)
     variance = coarse_variance
     if x1 > x0 and y1 > y0:
-        fine, fine_variance = _passes(scene, world, recipe, scale, fovea, f"{key}/fovea")
+        fine, fine_variance = _passes(
+            scene, world, recipe.passes, recipe.fovea_samples, scale, fovea, f"{key}/fovea"
+        )
         radiance[scale * y0 : scale * y1, scale * x0 : scale * x1] = fine
         variance[y0:y1, x0:x1] = fine_variance
     return Film(radiance, variance, fovea)
@@ -74,25 +78,29 @@ def render_film(
 def _passes(
     scene: Scene,
     world: World,
-    recipe: FilmRecipe,
+    passes: int,
+    samples: int,
     scale: int,
     window: tuple[int, int, int, int],
     key: str,
 ) -> tuple[Float[np.ndarray, "h w 3"], Float[np.ndarray, "h w 3"]]:
     """Return the mean of independent passes and the variance of its pixel means."""
-    total = recipe.periphery_samples if scale == 1 else recipe.fovea_samples
-    samples = max(1, total // recipe.passes)
     height, width = window[3] - window[1], window[2] - window[0]
     images, binned = [], []
-    for index in range(recipe.passes):
+    for index in range(passes):
         image = world.radiance(
-            scene.camera, scene.world_from_camera, scale, window, samples, seed(key, index)
+            scene.camera,
+            scene.world_from_camera,
+            scale,
+            window,
+            samples // passes,
+            seed(key, index),
         )
         images.append(image)
         cells = image.reshape(height, scale, width, scale, 3)
         binned.append(cells.mean(axis=(1, 3), dtype=np.float64))
     mean = np.stack(images).mean(axis=0, dtype=np.float64)
-    variance = np.stack(binned).var(axis=0, ddof=1) / recipe.passes
+    variance = np.stack(binned).var(axis=0, ddof=1) / passes
     return mean.astype(np.float32), variance.astype(np.float32)
 
 

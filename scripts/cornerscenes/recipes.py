@@ -120,6 +120,19 @@ class FilmRecipe(_Table):
     margin_px: Annotated[int, Field(ge=0, le=512)]
     max_depth: Annotated[int, Field(ge=1, le=64)]
 
+    @model_validator(mode="after")
+    def _square(self) -> FilmRecipe:
+        for key in ("fovea_samples", "periphery_samples"):
+            samples = getattr(self, key)
+            root = round((samples / self.passes) ** 0.5)
+            if samples != self.passes * root**2:
+                nearest = self.passes * max(1, root) ** 2
+                raise ValueError(
+                    f"film.{key} is {samples}, must be passes times a square number, "
+                    f"as the multi-jittered sampler wants it; near: {nearest}"
+                )
+        return self
+
 
 class SceneRecipe(_Table):
     """One scene of a suite."""

@@ -6,18 +6,35 @@ import argparse
 import hashlib
 import importlib.metadata
 import json
+import os
 import sys
 import time
+from collections.abc import Callable, Mapping
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
 
 from cornerscenes.dataset import FORMAT, Dataset
 from cornerscenes.recipes import Family, RecipeError, SceneRecipe, Suite, read
 
 # Loading a scene leaks in the renderer: a worker renders this many scenes and is replaced.
 SCENES_PER_WORKER = 8
+
+Tell = Callable[[Mapping[str, object]], None]
+
+
+@dataclass(frozen=True)
+class Job:
+    """One scene to render, as it is handed to a worker."""
+
+    suite_name: str
+    suite: Suite
+    scene: SceneRecipe
+    family: Family
+    recipe_sha256: str
+    variant: str
+
 
 HOW_TO_BE_FAST = (
     "rendering with scalar_rgb, the slow variant: no libLLVM found; "
@@ -33,15 +50,31 @@ def main() -> int:
     parser.add_argument("--output", type=Path, required=True, help="folder of the dataset")
     parser.add_argument("--variant", help="Mitsuba variant to use instead of the fastest")
     arguments = parser.parse_args()
+    tell = _event_channel()
     try:
-        return render(arguments.suite, arguments.recipes, arguments.output, arguments.variant)
+        return render(arguments.suite, arguments.recipes, arguments.output, arguments.variant, tell)
     except RecipeError as error:
-        _tell(event="error", message=str(error))
+        tell({"event": "error", "message": str(error)})
         return 2
 
 
-def render(suite_name: str, recipes: Path, output: Path, variant: str | None) -> int:
+def render(
+    suite_name: str, recipes: Path, output: Path, wanted_variant: str | None, tell: Tell
+) -> int:
     """Render the scenes of a suite that are missing or whose recipe changed.
+
+    Parameters
+    ----------
+    suite_name : str
+        The suite.
+    recipes : Path
+        Folder of suites and families.
+    output : Path
+        Folder of the dataset.
+    wanted_variant : str or None
+        Mitsuba variant; the fastest of this machine where it is `None`.
+    tell : Tell
+        Is told what happens, one event after the other.
 
     Returns
     -------
@@ -58,23 +91,26 @@ def render(suite_name: str, recipes: Path, output: Path, variant: str | None) ->
         for scene in suite.scenes
     }
     missing = [s for s in suite.scenes if not dataset.is_current(s.name, wanted[s.name])]
-    _tell(event="start", scenes=len(suite.scenes), missing=len(missing))
+    tell({"event": "start", "scenes": len(suite.scenes), "missing": len(missing)})
+    if not missing:
+        return 0
     failed = 0
     with ProcessPoolExecutor(
         max_workers=1, mp_context=get_context("spawn"), max_tasks_per_child=SCENES_PER_WORKER
     ) as pool:
+        variant = pool.submit(_choose_variant, wanted_variant).result()
+        if variant.startswith("scalar"):
+            tell({"event": "slow", "message": HOW_TO_BE_FAST})
         for scene in missing:
-            family = families[scene.family]
-            job = pool.submit(
-                _render_one, dataset, suite_name, scene, suite, family, wanted[scene.name], variant
-            )
+            tell({"event": "rendering", "scene": scene.name})
+            job = Job(suite_name, suite, scene, families[scene.family], wanted[scene.name], variant)
             try:
-                job.result()
+                done = pool.submit(_render_one, job, Dataset(output, suite_name)).result()
+                tell({"event": "done", "scene": scene.name, **done})
             except RecipeError as error:
                 failed += 1
-                _tell(event="failed", scene=scene.name, message=str(error))
-            dataset = Dataset(output, suite_name)
-    dataset.keep_only([scene.name for scene in suite.scenes])
+                tell({"event": "failed", "scene": scene.name, "message": str(error)})
+    Dataset(output, suite_name).keep_only([scene.name for scene in suite.scenes])
     return 1 if failed else 0
 
 
@@ -103,47 +139,54 @@ def generators() -> dict[str, str]:
     }
 
 
-def _render_one(
-    dataset: Dataset,
-    suite_name: str,
-    recipe: SceneRecipe,
-    suite: Suite,
-    family: Family,
-    wanted: str,
-    variant: str | None,
-) -> None:
-    # Imported here, in the worker: when nothing is missing, the renderer is never loaded.
+# The next two run in the worker, and import the renderer there: where nothing is missing, it is
+# never loaded.
+
+
+def _choose_variant(wanted: str | None) -> str:
+    from cornerscenes import mitsuba_backend
+
+    return mitsuba_backend.choose_variant(wanted)
+
+
+def _render_one(job: Job, dataset: Dataset) -> dict[str, float]:
     from cornerscenes import mitsuba_backend, scene_files
     from cornerscenes.layout import lay_out
 
     started = time.monotonic()
-    chosen = mitsuba_backend.choose_variant(variant)
-    if chosen.startswith("scalar"):
-        _tell(event="slow", message=HOW_TO_BE_FAST)
-    _tell(event="rendering", scene=recipe.name, variant=chosen)
-    scene = lay_out(suite_name, recipe, family)
-    key = f"{suite_name}/{recipe.name}"
+    mitsuba_backend.choose_variant(job.variant)
+    scene = lay_out(job.suite_name, job.scene, job.family)
+    key = f"{job.suite_name}/{job.scene.name}"
     renderer = {
         "name": "mitsuba",
         "version": importlib.metadata.version("mitsuba"),
-        "variant": chosen,
+        "variant": job.variant,
     }
     dataset.add(
-        recipe.name,
-        wanted,
+        job.scene.name,
+        job.recipe_sha256,
         renderer,
-        lambda folder: scene_files.write(folder, scene, suite.film, recipe, key),
+        lambda folder: scene_files.write(folder, scene, job.suite.film, job.scene, key),
     )
-    _tell(
-        event="done",
-        scene=recipe.name,
-        visible_fraction=scene.visible_fraction,
-        seconds=round(time.monotonic() - started, 3),
-    )
+    return {
+        "visible_fraction": scene.visible_fraction,
+        "seconds": round(time.monotonic() - started, 3),
+    }
 
 
-def _tell(**event: Any) -> None:
-    print(json.dumps(event), flush=True)
+def _event_channel() -> Tell:
+    """Return what writes events to standard output, and send all else that is printed to error.
+
+    The renderer's own log goes to standard output; it must not stand between the events.
+    """
+    channel = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    os.dup2(2, 1)
+
+    def tell(event: Mapping[str, object]) -> None:
+        channel.write(json.dumps(event) + "\n")
+        channel.flush()
+
+    return tell
 
 
 if __name__ == "__main__":

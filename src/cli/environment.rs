@@ -130,10 +130,13 @@ fn run(program: &str, mut command: Command) -> Result<()> {
 /// The lines in which a failed program says what it could not do, the last few at most.
 fn complaint(output: &Output) -> String {
     let text = String::from_utf8_lossy(&output.stderr);
-    let lines: Vec<&str> =
-        text.lines().map(str::trim).filter(|line| !line.is_empty()).collect();
+    let lines: Vec<&str> = text.lines().map(str::trim).filter(|line| !line.is_empty()).collect();
     let from = lines.len().saturating_sub(4);
-    if lines.is_empty() { format!("ended with {}", output.status) } else { lines[from..].join(" | ") }
+    if lines.is_empty() {
+        format!("ended with {}", output.status)
+    } else {
+        lines[from..].join(" | ")
+    }
 }
 
 /// Removes environments of the same purpose that were made from another lock, and what an

@@ -32,10 +32,10 @@ enum Kind {
 
 pub(super) fn run(global: &Global, options: &Options) -> Result<Ended> {
     let rows = match options.kind {
-        Kind::Suites => recipes("suites")?,
-        Kind::Families => recipes("families")?,
-        Kind::Plans => recipes("plans")?,
-        Kind::Cameras => recipes("cameras")?,
+        Kind::Suites => recipes(global, "suites")?,
+        Kind::Families => recipes(global, "families")?,
+        Kind::Plans => recipes(global, "plans")?,
+        Kind::Cameras => recipes(global, "cameras")?,
         Kind::Targets => entries(EXTRACTORS),
         Kind::Detectors => entries(DETECTORS),
         Kind::Refiners => entries(REFINERS),
@@ -61,8 +61,8 @@ fn entries<T: ?Sized>(entries: &[Entry<T>]) -> Vec<(String, String)> {
     entries.iter().map(|entry| (entry.name.to_owned(), entry.summary.to_owned())).collect()
 }
 
-fn recipes(folder: &str) -> Result<Vec<(String, String)>> {
-    let recipes = project::recipes()?;
+fn recipes(global: &Global, folder: &str) -> Result<Vec<(String, String)>> {
+    let recipes = project::recipes(global)?;
     recipe_names(&recipes, folder)
         .into_iter()
         .map(|name| {

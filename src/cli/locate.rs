@@ -26,7 +26,7 @@ pub(super) struct Options {
 }
 
 pub(super) fn run(global: &Global, options: &Options) -> Result<Ended> {
-    let plan = Plan::read(&project::recipes()?, &options.plan)?;
+    let plan = Plan::read(&project::recipes(global)?, &options.plan)?;
     let pipeline = &plan.pipelines[0];
     let picture = image::open(&options.image)
         .map_err(|error| Error::malformed(&options.image, error))?

@@ -36,7 +36,7 @@ pub(super) fn measure(
     dataset: &Dataset,
     output: &Path,
 ) -> Result<Ended> {
-    let plan = Plan::read(&project::recipes()?, plan)?;
+    let plan = Plan::read(&project::recipes(global)?, plan)?;
     let outcome = run::measure(&plan, dataset, output, &command_line(), &|_| {})?;
     let (summary, page) = report::write(output)?;
     if global.json {

@@ -42,6 +42,9 @@ pub struct Global {
     /// Threads to use; all cores where this is not given.
     #[arg(long, global = true, value_name = "N")]
     threads: Option<usize>,
+    /// Folder of suites, families, plans and cameras to use instead of the project's own.
+    #[arg(long, global = true, value_name = "DIR")]
+    recipes: Option<PathBuf>,
 }
 
 impl Global {

@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use super::Global;
 use crate::error::{Error, Result};
 
 /// The project's folder: the nearest one at or above the current folder that holds `scenes/suites`
@@ -27,7 +28,10 @@ pub(super) fn root() -> Result<PathBuf> {
         })
 }
 
-/// The folder of recipes.
-pub(super) fn recipes() -> Result<PathBuf> {
-    Ok(root()?.join("scenes"))
+/// The folder of recipes: the one given, else the project's own.
+pub(super) fn recipes(global: &Global) -> Result<PathBuf> {
+    match &global.recipes {
+        Some(folder) => std::path::absolute(folder).map_err(Error::io(folder, "find")),
+        None => Ok(root()?.join("scenes")),
+    }
 }

@@ -52,13 +52,14 @@ pub(super) fn render(
     variant: Option<&str>,
 ) -> Result<Ended> {
     let root = project::root()?;
-    read_table(&root.join("scenes"), "suites", suite)?;
+    let recipes = project::recipes(global)?;
+    read_table(&recipes, "suites", suite)?;
     let program = python(&root, Purpose::Rendering, &|line| global.say(line))?;
     let folder = std::path::absolute(folder).map_err(Error::io(folder, "find"))?;
     let mut command = Command::new(program);
     command
         .args(["-m", "cornerscenes.render", suite, "--recipes"])
-        .arg(root.join("scenes"))
+        .arg(&recipes)
         .arg("--output")
         .arg(&folder)
         .current_dir(root.join("scripts"))

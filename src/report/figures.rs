@@ -42,8 +42,7 @@ pub(super) fn draw(
         Ok(png_address(&fs::read(&path).map_err(Error::io(&path, "read"))?))
     };
     let (width, height) = (sketch.width, sketch.height);
-    let whole =
-        View { x: -0.5, y: -0.5, width: f64::from(width), height: f64::from(height) };
+    let whole = View { x: -0.5, y: -0.5, width: f64::from(width), height: f64::from(height) };
     let close = close_up(sketch);
     let exposure = png("exposure.png")?;
     let name = |part: &str| format!("{method}-{}-{part}.svg", sketch.scene);
@@ -83,9 +82,10 @@ pub(super) fn draw(
     let mut corners = Drawing::new(close, WIDTH);
     corners.picture(&exposure, width, height);
     draw_corners(&mut corners, sketch, rows);
-    let caption = "Figure 4, corners: Harris (square), refined (ring), true (cross); thin lines are \
+    let caption =
+        "Figure 4, corners: Harris (square), refined (ring), true (cross); thin lines are \
                    the true edges"
-        .to_owned();
+            .to_owned();
     add("corners", "fig4-corners", caption, corners);
 
     for (index, record) in magnified(rows).iter().enumerate() {

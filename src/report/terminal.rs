@@ -27,7 +27,9 @@ pub fn tables(summary: &Summary) -> String {
 
 fn scene_table(method: &MethodSummary) -> Table {
     let mut table = Table::new();
-    table.load_style(presets::UTF8_HORIZONTAL_ONLY).set_content_arrangement(ContentArrangement::Dynamic);
+    table
+        .load_style(presets::UTF8_HORIZONTAL_ONLY)
+        .set_content_arrangement(ContentArrangement::Dynamic);
     table.set_header([
         "scene",
         "target seen",

@@ -111,10 +111,8 @@ fn measure_scene(
         camera: scene.description.camera,
         world_from_camera: scene.description.world_from_camera,
     };
-    let range = RangeImage {
-        camera: scene.description.range_camera,
-        points: scene.range_points.clone(),
-    };
+    let range =
+        RangeImage { camera: scene.description.range_camera, points: scene.range_points.clone() };
     fs::create_dir_all(folder).map_err(Error::io(folder, "create"))?;
     pictures::write_exposure(&folder.join("exposure.png"), &exposure)?;
     let depth_range_m = pictures::write_depth(&folder.join("depth.png"), &scene.geometry.depth_m)?;

@@ -102,9 +102,10 @@ impl Dataset {
                 && !name.starts_with('.')
                 && name.chars().all(|c| c.is_ascii_alphanumeric() || "-_.".contains(c))
         };
-        let names = manifest.scenes.iter().flat_map(|(name, entry)| {
-            std::iter::once(name).chain(entry.files.keys())
-        });
+        let names = manifest
+            .scenes
+            .iter()
+            .flat_map(|(name, entry)| std::iter::once(name).chain(entry.files.keys()));
         if let Some(name) = names.into_iter().find(|name| !legal(name)) {
             let problem = format!("{name:?} is no name of a scene or file: letters, digits, - _ .");
             return Err(Error::malformed(&path, problem));
@@ -236,7 +237,11 @@ fn check_camera(path: &Path, key: &str, camera: &Camera) -> Result<()> {
     let right = sides.iter().all(|side| (1..=16384).contains(side))
         && focal.iter().all(|f| f.is_finite() && *f > 0.0)
         && centre.iter().all(|c| c.is_finite());
-    if right { Ok(()) } else { Err(Error::malformed(path, format!("{key} is no camera: {camera:?}"))) }
+    if right {
+        Ok(())
+    } else {
+        Err(Error::malformed(path, format!("{key} is no camera: {camera:?}")))
+    }
 }
 
 fn parse<T: DeserializeOwned>(path: &Path, bytes: &[u8]) -> Result<T> {

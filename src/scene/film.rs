@@ -23,7 +23,8 @@ impl Film {
         for y in 0..binned.height() {
             sums.fill(0.0);
             for row in 0..cells {
-                for (sum, run) in sums.iter_mut().zip(fine.row(y * cells + row).chunks_exact(cells)) {
+                for (sum, run) in sums.iter_mut().zip(fine.row(y * cells + row).chunks_exact(cells))
+                {
                     *sum += run.iter().map(|&value| f64::from(value)).sum::<f64>();
                 }
             }

@@ -45,7 +45,8 @@ impl<'a> Layers<'a> {
                         FilePlane::Whole(Plane::from_samples(width, height, samples))
                     }
                     FlatSamples::F16(_) => {
-                        let problem = format!("{name}.{} is half float, must be float", channel.name);
+                        let problem =
+                            format!("{name}.{} is half float, must be float", channel.name);
                         return Err(Error::malformed(path, problem));
                     }
                 };

@@ -94,14 +94,13 @@ impl Truth {
 
     /// The face that is seen most of, by the share of its area; of equals, the larger in the image.
     pub fn least_occluded_face(&self) -> Option<&TrueFace> {
-        self.faces
-            .iter()
-            .filter(|face| face.facing && face.visible_fraction > 0.0)
-            .max_by(|a, b| {
+        self.faces.iter().filter(|face| face.facing && face.visible_fraction > 0.0).max_by(
+            |a, b| {
                 let image_area = |face| polygon_area_px2(&self.face_corners(face));
                 (a.visible_fraction.total_cmp(&b.visible_fraction))
                     .then_with(|| image_area(a).total_cmp(&image_area(b)))
-            })
+            },
+        )
     }
 
     /// Whether all indices refer to what is there; checked once, on loading.

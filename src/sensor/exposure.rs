@@ -85,7 +85,11 @@ impl Exposure {
     pub fn from_picture(picture: &image::RgbImage) -> Self {
         let (width, height) = (picture.width() as usize, picture.height() as usize);
         let channel = |c: usize| {
-            Plane::from_samples(width, height, picture.pixels().map(|p| f32::from(p.0[c])).collect())
+            Plane::from_samples(
+                width,
+                height,
+                picture.pixels().map(|p| f32::from(p.0[c])).collect(),
+            )
         };
         let encoding = Encoding { bit_depth: 8, transfer: Transfer::Srgb };
         Self::new([channel(0), channel(1), channel(2)], encoding)

@@ -1,6 +1,12 @@
 //! Every integration test, one module per kind.
 
+mod cli;
 mod contract;
+mod dataset;
 mod drawn;
 mod grasp;
+mod layers;
+mod opencv;
 mod oracle;
+mod python;
+mod support;

@@ -1,0 +1,230 @@
+//! A rendered dataset: conventions, integrity, resumption, the whole pipeline over it.
+
+use std::fs;
+use std::path::Path;
+
+use serde_json::Value;
+
+use crate::support::{
+    copy_of_plain, cornerbench, plain_dataset, recipes, render, run, stderr, stdout, succeed,
+};
+
+fn json(path: &Path) -> Value {
+    serde_json::from_slice(&fs::read(path).expect("a file")).expect("JSON")
+}
+
+/// Replaces a file of a dataset and its hash in the manifest: an alteration that no hash betrays.
+fn rewrite(dataset: &Path, scene: &str, file: &str, content: &str) {
+    let path = dataset.join(scene).join(file);
+    fs::write(&path, content).expect("written");
+    let manifest = dataset.join("dataset.json");
+    let mut entries = json(&manifest);
+    entries["scenes"][scene]["files"][file]["sha256"] =
+        Value::from(cornerbench::scene::sha256_hex(content.as_bytes()));
+    fs::write(&manifest, entries.to_string()).expect("written");
+}
+
+/// Moves every projected corner of the dataset's truth.
+fn shift_truth(dataset: &Path, shift: impl Fn(f64, f64) -> [f64; 2]) {
+    for scene in ["above", "oblique"] {
+        let mut truth = json(&dataset.join(scene).join("truth.json"));
+        for corner in truth["corners"].as_array_mut().expect("corners") {
+            let point = &mut corner["image_point_px"];
+            let [x, y] = [0, 1].map(|axis| point[axis].as_f64().expect("a number"));
+            *point = serde_json::json!(shift(x, y));
+        }
+        rewrite(dataset, scene, "truth.json", &truth.to_string());
+    }
+}
+
+fn verify(dataset: &Path) -> (Option<i32>, Value) {
+    let output = run(cornerbench().args(["verify", "--json"]).arg(dataset));
+    let value = serde_json::from_slice(&output.stdout).unwrap_or(Value::Null);
+    (output.status.code(), value)
+}
+
+#[test]
+fn rendered_corners_are_where_the_projection_says_to_a_hundredth_of_a_pixel() {
+    let (code, found) = verify(plain_dataset());
+    assert_eq!(code, Some(0), "{found}");
+    assert!(found["mean"]["length_px"].as_f64().expect("a length") < 0.01, "{found}");
+    assert!(found["mean"]["corners"].as_u64().expect("a count") >= 6, "{found}");
+}
+
+#[test]
+fn verify_finds_half_a_pixel_with_its_direction() {
+    let copy = copy_of_plain();
+    shift_truth(copy.path(), |x, y| [x + 0.5, y]);
+    let (code, found) = verify(copy.path());
+    assert_eq!(code, Some(1), "{found}");
+    let x = found["mean"]["mean_px"][0].as_f64().expect("a number");
+    assert!((x + 0.5).abs() < 0.02, "{found}");
+}
+
+#[test]
+fn verify_finds_a_fiftieth_of_a_pixel() {
+    let copy = copy_of_plain();
+    shift_truth(copy.path(), |x, y| [x, y - 0.02]);
+    let (code, found) = verify(copy.path());
+    assert_eq!(code, Some(1), "{found}");
+}
+
+#[test]
+fn verify_does_not_pass_a_mirrored_projection() {
+    let copy = copy_of_plain();
+    let camera = json(&copy.path().join("above/scene.json"))["camera"].clone();
+    let centre = camera["cx_px"].as_f64().expect("a number");
+    shift_truth(copy.path(), |x, y| [2.0 * centre - x, y]);
+    let (code, found) = verify(copy.path());
+    assert_ne!(code, Some(0), "{found}");
+}
+
+fn measure(dataset: &Path, output: &Path, more: &[&str]) -> std::process::Output {
+    run(cornerbench()
+        .args(["measure", "plain", "--json", "--recipes"])
+        .arg(recipes())
+        .args(more)
+        .arg("--output")
+        .arg(output)
+        .arg(dataset))
+}
+
+#[test]
+fn the_whole_pipeline_finds_corners_and_a_grasp_near_the_truth() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let output = measure(plain_dataset(), folder.path(), &[]);
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    let summary: Value = serde_json::from_slice(&output.stdout).expect("JSON");
+    let method = &summary["methods"][0];
+    let corners = &method["corners"];
+    assert!(corners["found"].as_u64().expect("a count") >= 8, "{corners}");
+    assert!(corners["refined_errors"]["median_px"].as_f64().expect("a number") < 1.0, "{corners}");
+    assert!(method["grasps"]["answered"].as_u64().expect("a count") >= 1, "{method}");
+    // A range cell is 8 px or 28 mm wide at 1 m: its own point is within 20 mm of any in it.
+    let grasp = method["grasps"]["median_error_mm"].as_f64().expect("a number");
+    assert!(grasp < 30.0, "{method}");
+    for name in ["records.parquet", "summary.json", "run.json", "report/index.html"] {
+        assert!(folder.path().join(name).is_file(), "{name} is missing");
+    }
+}
+
+#[test]
+fn one_thread_and_two_give_the_same_bytes() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let read = |threads: &str| {
+        let run = folder.path().join(threads);
+        let output = measure(plain_dataset(), &run, &["--threads", threads]);
+        assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+        fs::read(run.join("records.parquet")).expect("records")
+    };
+    assert!(read("1") == read("2"), "records differ");
+}
+
+#[test]
+fn an_altered_a_truncated_and_a_missing_file_are_named_skipped_and_counted() {
+    for damage in ["altered", "truncated", "missing"] {
+        let copy = copy_of_plain();
+        let film = copy.path().join("above/film.exr");
+        let mut bytes = fs::read(&film).expect("a film");
+        match damage {
+            "altered" => bytes[4321] ^= 1,
+            "truncated" => bytes.truncate(1000),
+            _ => {}
+        }
+        fs::write(&film, &bytes).expect("written");
+        if damage == "missing" {
+            fs::remove_file(&film).expect("removed");
+        }
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let output = measure(copy.path(), folder.path(), &[]);
+        assert_eq!(output.status.code(), Some(1), "{damage}: {}", stderr(&output));
+        let summary: Value = serde_json::from_slice(&output.stdout).expect("JSON");
+        let skipped = &summary["unreadable"][0];
+        assert_eq!(skipped["scene"], "above", "{damage}");
+        let reason = skipped["reason"].as_str().expect("a reason");
+        let expected = json(&copy.path().join("dataset.json"));
+        let expected = expected["scenes"]["above"]["files"]["film.exr"]["sha256"].clone();
+        assert!(reason.contains("above/film.exr"), "{damage}: {reason}");
+        assert!(reason.contains(expected.as_str().expect("a hash")), "{damage}: {reason}");
+        if damage == "missing" {
+            assert!(reason.contains("no file"), "{reason}");
+        } else {
+            assert!(reason.contains(&cornerbench::scene::sha256_hex(&bytes)), "{reason}");
+        }
+        let scenes = summary["methods"][0]["scenes"].as_array().expect("scenes");
+        assert_eq!(scenes.len(), 1, "{damage}: the other scene is measured");
+    }
+}
+
+#[test]
+fn no_red_region_is_a_counted_status() {
+    let copy = tempfile::tempdir().expect("a temporary folder");
+    crate::support::copy_folder(&recipes(), copy.path());
+    let plan = copy.path().join("plans/plain.toml");
+    let text = fs::read_to_string(&plan).expect("a plan").replace("100.0", "254.0");
+    fs::write(&plan, text).expect("written");
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let output = run(cornerbench()
+        .args(["measure", "plain", "--json", "--recipes"])
+        .arg(copy.path())
+        .arg("--output")
+        .arg(folder.path())
+        .arg(plain_dataset()));
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    let summary: Value = serde_json::from_slice(&output.stdout).expect("JSON");
+    let method = &summary["methods"][0];
+    for scene in method["scenes"].as_array().expect("scenes") {
+        assert_eq!(scene["grasp_status"], "no_target");
+        assert_eq!(scene["grasp_reason"], "no_pixel");
+    }
+    assert_eq!(method["corners"]["found"], 0);
+    assert_eq!(method["corners"]["detected"], Value::Null);
+    assert!(!stdout(&output).contains("NaN"));
+    let page = fs::read_to_string(folder.path().join("report/index.html")).expect("a page");
+    assert!(!page.contains("NaN"), "NaN on the page");
+}
+
+#[test]
+fn rendering_again_does_only_what_is_missing_or_changed() {
+    let copy = copy_of_plain();
+    let modified = |scene: &str| {
+        fs::metadata(copy.path().join(scene).join("film.exr")).expect("a film").modified().ok()
+    };
+    let before = (modified("above"), modified("oblique"));
+    render("plain", copy.path());
+    assert_eq!((modified("above"), modified("oblique")), before, "nothing was missing");
+
+    fs::remove_file(copy.path().join("above/truth.json")).expect("removed");
+    render("plain", copy.path());
+    assert_eq!(modified("oblique"), before.1, "only the damaged scene is rendered again");
+    assert_ne!(modified("above"), before.0);
+
+    // The same recipe gives the same truth and, on the same machine, the same film.
+    for file in ["truth.json", "scene.json", "film.exr", "geometry.exr", "range.exr"] {
+        let read = |folder: &Path| fs::read(folder.join("above").join(file)).expect("a file");
+        assert!(read(copy.path()) == read(plain_dataset()), "{file} differs");
+    }
+}
+
+#[test]
+fn a_manifest_that_points_outside_its_folder_is_refused() {
+    let copy = copy_of_plain();
+    let path = copy.path().join("dataset.json");
+    let text = fs::read_to_string(&path).expect("a manifest").replace("\"above\"", "\"../above\"");
+    fs::write(&path, text).expect("written");
+    let output = run(cornerbench().arg("verify").arg(copy.path()));
+    assert_eq!(output.status.code(), Some(2));
+    assert!(stderr(&output).contains("../above"), "{}", stderr(&output));
+}
+
+#[test]
+fn a_report_is_written_again_from_the_records_alone() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let output = measure(plain_dataset(), folder.path(), &[]);
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    let page = folder.path().join("report/index.html");
+    let first = fs::read_to_string(&page).expect("a page");
+    fs::remove_dir_all(folder.path().join("report")).expect("removed");
+    succeed(cornerbench().arg("report").arg(folder.path()));
+    assert_eq!(fs::read_to_string(&page).expect("a page"), first);
+}
