@@ -130,7 +130,7 @@ mod tests {
         let ahead = Kernel { taps: vec![0.0, 0.0, 1.0] };
         assert_eq!(along(&ahead, &[1.0, 2.0, 4.0, 8.0]), [2.0, 4.0, 8.0, 8.0]);
         assert_eq!(along(&Kernel::central_difference(), &[1.0, 2.0, 4.0]), [0.5, 1.5, 1.0]);
-        assert_eq!(along(&Kernel::binomial(), &[]), []);
+        assert!(along(&Kernel::binomial(), &[]).is_empty());
     }
 
     #[test]

@@ -159,7 +159,8 @@ mod tests {
     fn the_top_left_film_corner_is_half_a_pixel_outside_the_first_centre() {
         assert_eq!(ImagePoint::from_film(0.0, 0.0, 4), ImagePoint::new(-0.5, -0.5));
         assert_eq!(ImagePoint::from_film(2.0, 6.0, 4), ImagePoint::new(0.0, 1.0));
-        assert_eq!(ImagePoint::new(0.0, 1.0).to_film(4), [2.0, 6.0]);
+        let [x, y] = ImagePoint::new(0.0, 1.0).to_film(4);
+        assert_eq!(ImagePoint::new(x, y), ImagePoint::new(2.0, 6.0));
     }
 
     #[test]

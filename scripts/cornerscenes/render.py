@@ -99,7 +99,7 @@ def render(
         max_workers=1, mp_context=get_context("spawn"), max_tasks_per_child=SCENES_PER_WORKER
     ) as pool:
         variant = pool.submit(_choose_variant, wanted_variant).result()
-        if variant.startswith("scalar"):
+        if variant.startswith("scalar") and wanted_variant is None:
             tell({"event": "slow", "message": HOW_TO_BE_FAST})
         for scene in missing:
             tell({"event": "rendering", "scene": scene.name})
@@ -128,10 +128,15 @@ def recipe_hash(suite_name: str, scene: SceneRecipe, suite: Suite, family: Famil
 
 
 def generators() -> dict[str, str]:
-    """Return the versions of what makes a scene: renderer, NumPy, this package's sources."""
+    """Return the versions of what makes a scene: renderer, NumPy, this package's sources.
+
+    Not among the sources is this module: it decides which scenes are rendered, not what is in them.
+    """
     sources = hashlib.sha256()
-    for path in sorted(Path(__file__).parent.rglob("*.py")):
-        sources.update(path.read_bytes())
+    this_module = Path(__file__)
+    for path in sorted(this_module.parent.rglob("*.py")):
+        if path != this_module:
+            sources.update(path.read_bytes())
     return {
         "cornerscenes": sources.hexdigest(),
         "mitsuba": importlib.metadata.version("mitsuba"),

@@ -3,10 +3,12 @@
 mod cli;
 mod contract;
 mod dataset;
+mod docs;
 mod drawn;
 mod grasp;
 mod layers;
 mod opencv;
 mod oracle;
 mod python;
+mod setup;
 mod support;
