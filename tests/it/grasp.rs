@@ -553,35 +553,28 @@ fn selector() -> Box<dyn FaceSelector> {
     (entry.build)("test", &toml::Table::new()).expect("defaults are valid")
 }
 
-/// Prints the rates that the selector's header and the assertions below come from.
-/// `cargo test --release --test it full_experiment -- --ignored --nocapture`
-#[test]
-#[ignore = "minutes; prints, asserts nothing"]
-fn full_experiment_of_the_face_selector() {
-    for missed in [0.0, 0.15] {
-        let rates = Rates::measure(250, missed);
-        println!("corners missed: {:.0} %", 100.0 * missed);
-        println!("hidden   whole face      n  right  another  not a face  declined");
-        for (level, tallies) in ["0 %", "< 10 %", "< 30 %", "< 60 %"].iter().zip(rates.by_occlusion)
-        {
-            for (whole, tally) in ["found", "doubtful", "none"].iter().zip(tallies) {
-                let [right, another, wrong, declined] =
-                    [Verdict::Right, Verdict::AnotherFace, Verdict::NotAFace, Verdict::Declined]
-                        .map(|verdict| 100.0 * tally.share(verdict));
-                let n = tally.total();
-                println!(
-                    "{level:8} {whole:10} {n:6} {right:6.1} {another:8.1} {wrong:11.1} {declined:9.1}"
-                );
-            }
+/// Prints the rates that the selector's header gives (shown with `--nocapture`).
+fn print(rates: &Rates) {
+    println!("hidden   whole face      n  right  another  not a face  declined");
+    for (level, tallies) in ["0 %", "< 10 %", "< 30 %", "< 60 %"].iter().zip(rates.by_occlusion) {
+        for (whole, tally) in ["found", "doubtful", "none"].iter().zip(tallies) {
+            let [right, another, wrong, declined] =
+                [Verdict::Right, Verdict::AnotherFace, Verdict::NotAFace, Verdict::Declined]
+                    .map(|verdict| 100.0 * tally.share(verdict));
+            let n = tally.total();
+            println!(
+                "{level:8} {whole:10} {n:6} {right:6.1} {another:8.1} {wrong:11.1} {declined:9.1}"
+            );
         }
-        let mean = rates.total / rates.selections.max(1);
-        println!("one selection: mean {mean:?}, slowest {:?}\n", rates.slowest);
     }
+    let mean = rates.total / rates.selections.max(1);
+    println!("one selection: mean {mean:?}, slowest {:?}", rates.slowest);
 }
 
 #[test]
 fn a_whole_face_is_found_and_a_hidden_one_is_declined() {
-    let rates = Rates::measure(17, 0.0);
+    let rates = Rates::measure(40, 0.0);
+    print(&rates);
     let free = rates.sum(0..1, Wholeness::Found);
     assert!(free.total() >= 15 && free.share(Verdict::Right) >= 0.95, "{:?}", free.0);
     let occluded = rates.sum(1..4, Wholeness::Found);
@@ -650,7 +643,7 @@ fn degenerate_corners_are_declined() {
     let scene = two_faces(&[]);
     let collinear = [[20.0, 29.5], [40.0, 29.5], [63.0, 29.5], [80.0, 29.5], [95.0, 29.5]];
     assert_eq!(select(&scene, &collinear), Err(NoFace::AllOccluded));
-    assert_eq!(select(&scene, &[[19.5, 29.5]; 6]), Err(NoFace::AllOccluded));
+    assert_eq!(select(&scene, &[[19.5, 29.5]; 6]), Err(NoFace::TooFewCorners));
     assert_eq!(select(&scene, &LEFT[..3]), Err(NoFace::TooFewCorners));
     assert_eq!(select(&scene, &[]), Err(NoFace::TooFewCorners));
     let outside =
@@ -666,5 +659,5 @@ fn the_smallest_image_is_declined() {
     let rgb = [200.0, 20.0, 20.0].map(|dn| Plane::filled(1, 1, dn));
     let exposure = Exposure::new(rgb, Encoding { bit_depth: 8, transfer: Transfer::Srgb });
     let region = red_region(&exposure).expect("one pixel");
-    assert_eq!(select(&(exposure, region), &[[0.0, 0.0]; 5]), Err(NoFace::AllOccluded));
+    assert_eq!(select(&(exposure, region), &[[0.0, 0.0]; 5]), Err(NoFace::TooFewCorners));
 }
