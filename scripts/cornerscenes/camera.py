@@ -28,7 +28,9 @@ class Camera:
     def with_field_of_view(cls, width: int, height: int, horizontal_deg: float) -> Camera:
         """Return a centred camera of square pixels from its horizontal field of view [deg]."""
         focal_px = 0.5 * width / tan(radians(0.5 * horizontal_deg))
-        return cls(width, height, focal_px, focal_px, 0.5 * (width - 1), 0.5 * (height - 1))
+        middle_of_film = np.array([[0.5 * width, 0.5 * height]])
+        ((cx_px, cy_px),) = image_points_from_film(middle_of_film, 1).tolist()
+        return cls(width, height, focal_px, focal_px, cx_px, cy_px)
 
     def project(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 2"]:
         """Return the image points [px] of points in the camera frame [m], which have z > 0."""
@@ -70,11 +72,15 @@ def looking_down(position_m: tuple[float, float, float]) -> Float[np.ndarray, "4
 def looking_at(
     position_m: Float[np.ndarray, "3"], target_m: Float[np.ndarray, "3"]
 ) -> Float[np.ndarray, "4 4"]:
-    """Return `world_from_camera` of a level camera at a position whose axis meets a target [m]."""
+    """Return `world_from_camera` of a level camera at a position whose axis meets a target [m].
+
+    Straight above or below the target no camera is level: the result is NaN then.
+    """
     forward = target_m - position_m
     forward = forward / np.linalg.norm(forward)
     right = np.cross(forward, [0.0, 0.0, 1.0])
-    right = right / np.linalg.norm(right)
+    with np.errstate(invalid="ignore"):
+        right = right / np.linalg.norm(right)
     pose = np.eye(4)
     pose[:3, :3] = np.stack([right, np.cross(forward, right), forward], axis=1)
     pose[:3, 3] = position_m

@@ -10,48 +10,88 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import re
 import shutil
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 FORMAT = 1
 MANIFEST = "dataset.json"
 TEMPORARY = ".rendering-"
+LEGAL_NAME = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9._-]*")
+
+T = TypeVar("T")
+
+
+class DatasetError(Exception):
+    """A folder that cannot take this dataset; the message says why and what to do."""
 
 
 class Dataset:
     """The folder of one rendered suite."""
 
     def __init__(self, folder: Path, suite: str) -> None:
+        """Open the folder, or take it as a new one.
+
+        Raises
+        ------
+        DatasetError
+            When a dataset of another suite or format is there, or its manifest is broken.
+        """
         self.folder = folder
         self._manifest: dict[str, Any] = {"format": FORMAT, "suite": suite, "scenes": {}}
         path = folder / MANIFEST
-        if path.exists():
+        if not path.exists():
+            return
+        try:
             found = json.loads(path.read_text(encoding="utf-8"))
-            if found.get("format") == FORMAT and found.get("suite") == suite:
-                self._manifest = found
+            kind = found["format"], found["suite"]
+            names = [
+                name for entry in found["scenes"].items() for name in (entry[0], *entry[1]["files"])
+            ]
+        except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+            raise DatasetError(
+                f"{path}: not a manifest ({error}); choose another folder"
+            ) from error
+        if kind != (FORMAT, suite):
+            raise DatasetError(
+                f"{folder}: holds suite {kind[1]!r} in format {kind[0]}, not {suite!r} in format "
+                f"{FORMAT}; choose another folder"
+            )
+        for name in names:
+            if not LEGAL_NAME.fullmatch(name):
+                raise DatasetError(f"{path}: {name!r} is no name of a scene or file")
+        self._manifest = found
 
-    def is_current(self, scene: str, recipe: str) -> bool:
-        """Return whether a scene was rendered from this recipe and its files are all there, whole.
+    def is_current(self, scene: str, recipe: str, variant: str | None) -> bool:
+        """Return whether a scene was rendered from this recipe and its files are those rendered.
 
-        Whole means: of the size that was written. Their content is checked when they are read.
+        Parameters
+        ----------
+        scene : str
+            Its name.
+        recipe : str
+            Hash of what it is to be rendered from.
+        variant : str or None
+            The renderer's variant that it must have been rendered with, if it matters.
         """
         entry = self._manifest["scenes"].get(scene)
         return (
             entry is not None
             and entry["recipe_sha256"] == recipe
+            and variant in (None, entry["renderer"]["variant"])
             and all(
                 (self.folder / scene / name).is_file()
-                and (self.folder / scene / name).stat().st_size == file["bytes"]
+                and sha256(self.folder / scene / name) == file["sha256"]
                 for name, file in entry["files"].items()
             )
         )
 
     def add(
-        self, scene: str, recipe: str, renderer: dict[str, str], write: Callable[[Path], None]
-    ) -> None:
+        self, scene: str, recipe: str, renderer: dict[str, str], write: Callable[[Path], T]
+    ) -> T:
         """Write a scene: all of its files, then its line in the manifest.
 
         Parameters
@@ -62,15 +102,20 @@ class Dataset:
             Hash of what it was rendered from.
         renderer : dict[str, str]
             Name, version and variant of the renderer.
-        write : Callable[[Path], None]
+        write : Callable[[Path], T]
             Writes the files into the folder it is given.
+
+        Returns
+        -------
+        T
+            What `write` returned.
         """
         self.folder.mkdir(parents=True, exist_ok=True)
         for left_behind in self.folder.glob(f"{TEMPORARY}{scene}-*"):
             shutil.rmtree(left_behind)
         temporary = Path(tempfile.mkdtemp(prefix=f"{TEMPORARY}{scene}-", dir=self.folder))
         temporary.chmod(0o755)
-        write(temporary)
+        result = write(temporary)
         files = {
             file.name: {"sha256": sha256(file), "bytes": file.stat().st_size}
             for file in sorted(temporary.iterdir())
@@ -87,6 +132,14 @@ class Dataset:
             "files": files,
         }
         self._write_manifest()
+        return result
+
+    def forget(self, scenes: list[str]) -> None:
+        """Drop scenes from the manifest, so that what is outdated cannot be taken for current."""
+        entries = self._manifest["scenes"]
+        if entries.keys() & set(scenes):
+            self._manifest["scenes"] = {n: entry for n, entry in entries.items() if n not in scenes}
+            self._write_manifest()
 
     def keep_only(self, scenes: list[str]) -> None:
         """Drop the scenes that the suite no longer names, and put the others in its order."""

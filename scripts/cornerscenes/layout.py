@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from scipy.spatial import ConvexHull
 
 from cornerscenes import cuboid
@@ -37,6 +37,9 @@ FIRST_SURFACE_ID = 100
 # one object before a placement is.
 PLACEMENTS = 400
 TRIES = 40
+
+# Cells per side of a face from which a placement's visible fraction is estimated.
+PLACEMENT_CELLS = 24
 
 # Objects keep this distance from the target, the walls and each other's feet.
 CLEARANCE_M = 0.012
@@ -135,7 +138,6 @@ class Scene:
     objects: tuple[PlacedObject, ...]
     surfaces: tuple[Surface, ...]
     light: Light
-    visible_fraction: float
 
     def world(self, max_depth: int) -> World:
         """Return the scene as the renderer holds it."""
@@ -162,6 +164,7 @@ def lay_out(suite: str, recipe: SceneRecipe, family: Family) -> Scene:
     surfaces = room(wall_x, wall_y, family.room.extent_m, family.room.height_m, key)
     target = _target(family, draw)
     world_from_camera = _pose(recipe, family, target, key)
+    _check_view(recipe, target, world_from_camera, surfaces)
     camera_recipe = family.camera
     fov = camera_recipe.horizontal_field_of_view_deg
     camera = Camera.with_field_of_view(camera_recipe.width, camera_recipe.height, fov)
@@ -179,7 +182,9 @@ def lay_out(suite: str, recipe: SceneRecipe, family: Family) -> Scene:
         placed = _place(f"{key}/attempt{attempt}", built, target, world_from_camera, surfaces)
         if placed is None:
             continue
-        fraction = visible_fraction(target, placed, occluders, world_from_camera[:3, 3])
+        eye = world_from_camera[:3, 3]
+        hidden = _hidden_by(placed, occluders, eye)
+        fraction = visible_fraction(target, eye, hidden, PLACEMENT_CELLS)
         distance = max(low - fraction, fraction - high, 0.0)
         if best is None or distance < best[0]:
             best = distance, placed, fraction
@@ -201,40 +206,53 @@ def lay_out(suite: str, recipe: SceneRecipe, family: Family) -> Scene:
         area_size_m=family.light.area_size_m,
         aim_m=_point(target.vertices_m().mean(axis=0)),
     )
-    return Scene(camera, range_camera, world_from_camera, target, best[1], surfaces, light, best[2])
+    return Scene(camera, range_camera, world_from_camera, target, best[1], surfaces, light)
 
 
 def visible_fraction(
     target: Target,
-    objects: tuple[PlacedObject, ...],
-    occluders: Mapping[int, Occluder],
     eye_m: Float[np.ndarray, "3"],
+    hidden: Callable[[Float[np.ndarray, "n 3"]], Bool[np.ndarray, " n"]],
+    count: int,
 ) -> float:
-    """Return the share of the target's image area that no object hides, whatever the frame cuts.
+    """Return the share of the target's image area that nothing hides, whatever the frame cuts.
 
     Parameters
     ----------
     target : Target
         The cuboid.
-    objects : tuple[PlacedObject, ...]
-        What may hide it.
-    occluders : Mapping[int, Occluder]
-        Each object's shape, by its id.
     eye_m : Float[np.ndarray, "3"]
         The camera's place in the world [m].
+    hidden : Callable
+        Says of points on the target [m] whether something stands before them.
+    count : int
+        Every face that looks at the camera is sampled on a grid of count x count cells.
     """
     seen = total = 0.0
     for face in target.facing(eye_m):
-        points = target.face_points_m(face, 24)
+        points = target.face_points_m(face, count)
         towards = eye_m - points
         weight = (towards @ target.normal(face)) / np.linalg.norm(towards, axis=1) ** 3
         weight *= np.delete(np.array(target.size_m), face // 2).prod()
-        hidden = np.zeros(len(points), dtype=bool)
-        for item in objects:
-            hidden |= occluders[item.object_id].hides(item.world_from_object, eye_m, points)
-        seen += float(weight[~hidden].sum())
+        seen += float(weight[~hidden(points)].sum())
         total += float(weight.sum())
     return seen / total
+
+
+def _hidden_by(
+    objects: tuple[PlacedObject, ...],
+    occluders: Mapping[int, Occluder],
+    eye_m: Float[np.ndarray, "3"],
+) -> Callable[[Float[np.ndarray, "n 3"]], Bool[np.ndarray, " n"]]:
+    """Return what says whether any of the objects stands before points [m]."""
+
+    def hidden(points: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
+        found = np.zeros(len(points), dtype=bool)
+        for item in objects:
+            found |= occluders[item.object_id].hides(item.world_from_object, eye_m, points)
+        return found
+
+    return hidden
 
 
 def _target(family: Family, draw: Callable[[str, tuple[float, float]], float]) -> Target:
@@ -269,6 +287,29 @@ def _pose(
 def _point(values: Float[np.ndarray, "3"]) -> tuple[float, float, float]:
     x, y, z = (float(value) for value in values)
     return x, y, z
+
+
+def _check_view(
+    recipe: SceneRecipe,
+    target: Target,
+    world_from_camera: Float[np.ndarray, "4 4"],
+    surfaces: tuple[Surface, ...],
+) -> None:
+    """Refuse a target behind the camera or in a wall, and a camera whose upright is undefined."""
+    vertices = target.vertices_m()
+    if not np.isfinite(world_from_camera).all():
+        raise RecipeError(
+            f"scene {recipe.name}: pose {recipe.pose!r} is straight above its target; "
+            'looks = "down" is the pose for that'
+        )
+    nearest_m = transformed(inverse(world_from_camera), vertices)[:, 2].min()
+    if nearest_m < 0.02:
+        raise RecipeError(
+            f"scene {recipe.name}: a vertex of the target has depth {nearest_m:.3f} m, must be at "
+            f"least 0.02; move pose {recipe.pose!r} or the target"
+        )
+    if (vertices[:, :2].max(axis=0) > surfaces[0].corners_m[2, :2]).any():
+        raise RecipeError(f"scene {recipe.name}: the target stands in a wall; move it or the wall")
 
 
 def _jittered(

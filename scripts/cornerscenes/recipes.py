@@ -11,7 +11,7 @@ import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 
 class RecipeError(Exception):
@@ -29,8 +29,17 @@ Real = Annotated[float, Field(strict=False)]
 Unit = Annotated[float, Field(ge=0.0, le=1.0, strict=False)]
 Colour = Annotated[tuple[Unit, Unit, Unit], Field(strict=False)]
 Point = Annotated[tuple[Real, Real, Real], Field(strict=False)]
-Range = Annotated[tuple[Real, Real], Field(strict=False)]
-PositiveRange = Annotated[tuple[Positive, Positive], Field(strict=False)]
+
+
+def _ordered(bounds: tuple[float, float]) -> tuple[float, float]:
+    if bounds[0] > bounds[1]:
+        raise ValueError(f"[{bounds[0]}, {bounds[1]}]: must be [low, high]")
+    return bounds
+
+
+Range = Annotated[tuple[Real, Real], Field(strict=False), AfterValidator(_ordered)]
+PositiveRange = Annotated[tuple[Positive, Positive], Field(strict=False), AfterValidator(_ordered)]
+UnitRange = Annotated[tuple[Unit, Unit], Field(strict=False), AfterValidator(_ordered)]
 
 
 class CameraRecipe(_Table):
@@ -61,8 +70,8 @@ class RoomRecipe(_Table):
 
     wall_x_m: Range
     wall_y_m: Range
-    extent_m: Positive
-    height_m: Positive
+    extent_m: Annotated[float, Field(ge=0.5, le=20.0, strict=False)]
+    height_m: Annotated[float, Field(ge=0.1, le=20.0, strict=False)]
 
 
 class TargetRecipe(_Table):
@@ -128,7 +137,7 @@ class FilmRecipe(_Table):
             if samples != self.passes * root**2:
                 nearest = self.passes * max(1, root) ** 2
                 raise ValueError(
-                    f"film.{key} is {samples}, must be passes times a square number, "
+                    f"{key} is {samples}, must be passes times a square number, "
                     f"as the multi-jittered sampler wants it; near: {nearest}"
                 )
         return self
@@ -140,14 +149,7 @@ class SceneRecipe(_Table):
     name: Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9-]{0,63}$")]
     family: str
     pose: str
-    visible_fraction: Annotated[tuple[Unit, Unit], Field(strict=False)]
-
-    @model_validator(mode="after")
-    def _ordered(self) -> SceneRecipe:
-        low, high = self.visible_fraction
-        if low > high:
-            raise ValueError(f"visible_fraction is [{low}, {high}], must be [low, high]")
-        return self
+    visible_fraction: UnitRange
 
 
 class Suite(_Table):
@@ -162,7 +164,7 @@ class Suite(_Table):
         names = [scene.name for scene in self.scenes]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
-            raise ValueError(f"scenes: names must differ, found twice: {', '.join(twice)}")
+            raise ValueError(f"names of scenes must differ, found twice: {', '.join(twice)}")
         return self
 
 
@@ -214,7 +216,7 @@ def _explain(item: Any, kind: type[BaseModel]) -> str:
     if item["type"] == "missing":
         return f"{key} is missing"
     if item["type"] == "value_error":
-        return str(item["ctx"]["error"])
+        return f"{key} {item['ctx']['error']}".strip()
     return f"{key} is {item['input']!r}: {item['msg'].removeprefix('Input ')}"
 
 

@@ -15,11 +15,14 @@ from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
 
-from cornerscenes.dataset import FORMAT, Dataset
+from cornerscenes.dataset import FORMAT, Dataset, DatasetError
 from cornerscenes.recipes import Family, RecipeError, SceneRecipe, Suite, read
 
 # Loading a scene leaks in the renderer: a worker renders this many scenes and is replaced.
 SCENES_PER_WORKER = 8
+
+# What computes the content of a scene.
+PACKAGES = ("drjit", "mitsuba", "numpy", "scipy")
 
 Tell = Callable[[Mapping[str, object]], None]
 
@@ -53,7 +56,7 @@ def main() -> int:
     tell = _event_channel()
     try:
         return render(arguments.suite, arguments.recipes, arguments.output, arguments.variant, tell)
-    except RecipeError as error:
+    except (RecipeError, DatasetError) as error:
         tell({"event": "error", "message": str(error)})
         return 2
 
@@ -90,10 +93,13 @@ def render(
         scene.name: recipe_hash(suite_name, scene, suite, families[scene.family])
         for scene in suite.scenes
     }
-    missing = [s for s in suite.scenes if not dataset.is_current(s.name, wanted[s.name])]
+    missing = [
+        s for s in suite.scenes if not dataset.is_current(s.name, wanted[s.name], wanted_variant)
+    ]
     tell({"event": "start", "scenes": len(suite.scenes), "missing": len(missing)})
     if not missing:
         return 0
+    dataset.forget([scene.name for scene in missing])
     failed = 0
     with ProcessPoolExecutor(
         max_workers=1, mp_context=get_context("spawn"), max_tasks_per_child=SCENES_PER_WORKER
@@ -110,6 +116,10 @@ def render(
             except RecipeError as error:
                 failed += 1
                 tell({"event": "failed", "scene": scene.name, "message": str(error)})
+            except Exception as error:  # whatever it is, the other scenes are still to be rendered
+                failed += 1
+                message = f"{type(error).__name__}: {error}"
+                tell({"event": "failed", "scene": scene.name, "message": message})
     Dataset(output, suite_name).keep_only([scene.name for scene in suite.scenes])
     return 1 if failed else 0
 
@@ -128,9 +138,10 @@ def recipe_hash(suite_name: str, scene: SceneRecipe, suite: Suite, family: Famil
 
 
 def generators() -> dict[str, str]:
-    """Return the versions of what makes a scene: renderer, NumPy, this package's sources.
+    """Return the versions of what makes a scene: packages, and this package's sources.
 
-    Not among the sources is this module: it decides which scenes are rendered, not what is in them.
+    Not among the sources is this module, which hands scenes to workers: a change of what it says or
+    of how it recovers renders nothing again.
     """
     sources = hashlib.sha256()
     this_module = Path(__file__)
@@ -139,8 +150,7 @@ def generators() -> dict[str, str]:
             sources.update(path.read_bytes())
     return {
         "cornerscenes": sources.hexdigest(),
-        "mitsuba": importlib.metadata.version("mitsuba"),
-        "numpy": importlib.metadata.version("numpy"),
+        **{name: importlib.metadata.version(name) for name in PACKAGES},
     }
 
 
@@ -167,14 +177,14 @@ def _render_one(job: Job, dataset: Dataset) -> dict[str, float]:
         "version": importlib.metadata.version("mitsuba"),
         "variant": job.variant,
     }
-    dataset.add(
+    fraction = dataset.add(
         job.scene.name,
         job.recipe_sha256,
         renderer,
         lambda folder: scene_files.write(folder, scene, job.suite.film, job.scene, key),
     )
     return {
-        "visible_fraction": scene.visible_fraction,
+        "visible_fraction": fraction,
         "seconds": round(time.monotonic() - started, 3),
     }
 

@@ -18,8 +18,8 @@ from cornerscenes.truth import image_of, truth
 
 def write(
     folder: Path, scene: Scene, recipe: FilmRecipe, scene_recipe: SceneRecipe, key: str
-) -> None:
-    """Render a scene and write all of its files into a folder."""
+) -> float:
+    """Render a scene, write its files into a folder, return the target's visible fraction."""
     world = scene.world(recipe.max_depth)
     film = buffers.render_film(
         scene, world, recipe, key, image_of(scene, scene.target.vertices_m())
@@ -61,9 +61,11 @@ def write(
         (exr.Layer("range", dict(zip("XYZ", np.moveaxis(points, 2, 0), strict=True))),),
         attributes,
     )
-    write_json(folder / "truth.json", truth(scene, world))
+    true = truth(scene, world)
+    write_json(folder / "truth.json", true)
     write_json(folder / "scene.json", description(scene, recipe, scene_recipe, key, film.fovea_px))
     _preview(folder / "preview.png", film, recipe.oversampling)
+    return true["target_visible_fraction"]
 
 
 def description(

@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float
 
 from cornerscenes import cuboid
 from cornerscenes.camera import inverse, transformed
-from cornerscenes.layout import Scene
+from cornerscenes.layout import Scene, visible_fraction
 from cornerscenes.mitsuba_backend import World
 
 # Samples: cells per side of a face, points per edge.
@@ -59,7 +59,9 @@ def truth(scene: Scene, world: World) -> dict[str, Any]:
         "corners": corners,
         "edges": [_edge(scene, world, facing, index) for index in range(len(cuboid.EDGES))],
         "faces": [_face(scene, world, facing, index) for index in range(6)],
-        "target_visible_fraction": scene.visible_fraction,
+        "target_visible_fraction": visible_fraction(
+            scene.target, eye, lambda points: world.occluded(eye, points), FACE_CELLS
+        ),
     }
 
 

@@ -8,7 +8,7 @@ import OpenEXR
 import pytest
 
 from cornerscenes import exr
-from cornerscenes.dataset import MANIFEST, Dataset, sha256
+from cornerscenes.dataset import MANIFEST, Dataset, DatasetError, sha256
 
 RENDERER = {"name": "none", "version": "0", "variant": "none"}
 
@@ -21,11 +21,13 @@ def test_a_scene_is_current_only_with_its_recipe_and_all_files(tmp_path: Path):
     dataset = Dataset(tmp_path, "s")
     dataset.add("one", "recipe", RENDERER, write_one)
     again = Dataset(tmp_path, "s")
-    assert again.is_current("one", "recipe")
-    assert not again.is_current("one", "another")
-    assert not again.is_current("two", "recipe")
-    (tmp_path / "one" / "a.json").write_text("{ }")
-    assert not again.is_current("one", "recipe")
+    assert again.is_current("one", "recipe", None)
+    assert not again.is_current("one", "another", None)
+    assert not again.is_current("two", "recipe", None)
+    assert again.is_current("one", "recipe", "none")
+    assert not again.is_current("one", "recipe", "llvm_ad_rgb")
+    (tmp_path / "one" / "a.json").write_text("[]")  # as long as it was
+    assert not again.is_current("one", "recipe", None)
 
 
 def test_the_manifest_holds_every_file_s_hash(tmp_path: Path):
@@ -45,7 +47,7 @@ def test_an_interrupted_scene_leaves_no_scene_and_is_cleaned_up(tmp_path: Path):
     with pytest.raises(KeyboardInterrupt):
         dataset.add("two", "recipe", RENDERER, interrupted)
     assert not (tmp_path / "two").exists()
-    assert Dataset(tmp_path, "s").is_current("one", "recipe")
+    assert Dataset(tmp_path, "s").is_current("one", "recipe", None)
     Dataset(tmp_path, "s").add("two", "recipe", RENDERER, write_one)
     assert sorted(path.name for path in tmp_path.iterdir()) == [MANIFEST, "one", "two"]
 
@@ -59,9 +61,34 @@ def test_scenes_that_the_suite_no_longer_names_go(tmp_path: Path):
     assert not (tmp_path / "b").exists()
 
 
-def test_another_suite_s_dataset_is_not_taken_for_this_one(tmp_path: Path):
+def test_another_suite_s_dataset_is_neither_taken_nor_overwritten(tmp_path: Path):
     Dataset(tmp_path, "s").add("one", "recipe", RENDERER, write_one)
-    assert not Dataset(tmp_path, "t").is_current("one", "recipe")
+    with pytest.raises(DatasetError, match=r"holds suite 's'.*not 't'"):
+        Dataset(tmp_path, "t")
+    assert Dataset(tmp_path, "s").is_current("one", "recipe", None)
+
+
+@pytest.mark.parametrize("text", ["{", "[]", '{"format": 1}'])
+def test_a_broken_manifest_is_named(tmp_path: Path, text: str):
+    (tmp_path / MANIFEST).write_text(text)
+    with pytest.raises(DatasetError, match=r"dataset\.json: not a manifest"):
+        Dataset(tmp_path, "s")
+
+
+def test_names_that_leave_the_folder_are_refused(tmp_path: Path):
+    Dataset(tmp_path, "s").add("one", "recipe", RENDERER, write_one)
+    path = tmp_path / MANIFEST
+    path.write_text(path.read_text().replace('"one"', '"../one"'))
+    with pytest.raises(DatasetError, match=r"\.\./one"):
+        Dataset(tmp_path, "s")
+
+
+def test_a_forgotten_scene_is_not_in_the_manifest(tmp_path: Path):
+    dataset = Dataset(tmp_path, "s")
+    dataset.add("one", "recipe", RENDERER, write_one)
+    dataset.add("two", "recipe", RENDERER, write_one)
+    dataset.forget(["one"])
+    assert list(json.loads((tmp_path / MANIFEST).read_text())["scenes"]) == ["two"]
 
 
 def test_planes_read_back_to_the_last_bit(tmp_path: Path):

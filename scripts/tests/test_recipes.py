@@ -49,12 +49,24 @@ def test_a_wrong_type_is_named(tmp_path: Path):
 
 def test_a_reversed_range_is_refused(tmp_path: Path):
     path = edited(tmp_path, "suites", "quick", "[0.78, 0.90]", "[0.90, 0.78]")
-    with pytest.raises(RecipeError, match=r"visible_fraction is \[0.9, 0.78\], must be"):
+    with pytest.raises(RecipeError, match=r"visible_fraction \[0.9, 0.78\]: must be"):
+        read(Suite, path)
+
+
+def test_a_reversed_range_of_a_family_is_refused(tmp_path: Path):
+    path = edited(tmp_path, "families", "paper", "x_m = [0.40, 0.43]", "x_m = [0.43, 0.4]")
+    with pytest.raises(RecipeError, match=r"room.wall_x_m \[0.43, 0.4\]: must be \[low, high\]"):
+        read(Family, path)
+
+
+def test_samples_that_the_sampler_would_round_are_refused(tmp_path: Path):
+    path = edited(tmp_path, "suites", "quick", "fovea_samples = 50", "fovea_samples = 48")
+    with pytest.raises(RecipeError, match=r"fovea_samples is 48.*near: 50"):
         read(Suite, path)
 
 
 def test_two_scenes_of_one_name_are_refused(tmp_path: Path):
-    path = edited(tmp_path, "suites", "quick", 'X)
+    path = edited(tmp_path, "suites", "quick", '"oblique-clear"', '"overhead-clear"')
     with pytest.raises(RecipeError, match="found twice: overhead-clear"):
         read(Suite, path)
 
