@@ -2,6 +2,8 @@
 
 use std::path::Path;
 
+use serde::Serialize;
+
 use crate::error::{Error, Result};
 
 /// Has `write` fill a temporary file beside `path`, then renames it to `path`.
@@ -19,6 +21,30 @@ pub fn write_whole(path: &Path, write: impl FnOnce(&Path) -> Result<()>) -> Resu
     let unfinished = temporary.path().join(name);
     write(&unfinished)?;
     std::fs::rename(&unfinished, path).map_err(Error::io(path, "write"))
+}
+
+/// Writes `content` as JSON, whole or not at all.
+///
+/// # Errors
+/// [`Error::Io`].
+pub fn write_json(path: &Path, content: &impl Serialize) -> Result<()> {
+    let mut text =
+        serde_json::to_string_pretty(content).map_err(|error| Error::malformed(path, error))?;
+    text.push('\n');
+    write_whole(path, |temporary| {
+        std::fs::write(temporary, &text).map_err(Error::io(temporary, "write"))
+    })
+}
+
+/// Makes `path` a new, empty folder in place of the one that may be there.
+///
+/// # Errors
+/// [`Error::Io`].
+pub fn replace_folder(path: &Path) -> Result<()> {
+    if path.exists() {
+        std::fs::remove_dir_all(path).map_err(Error::io(path, "replace"))?;
+    }
+    std::fs::create_dir_all(path).map_err(Error::io(path, "create"))
 }
 
 #[cfg(test)]

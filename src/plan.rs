@@ -52,6 +52,8 @@ pub struct Stage<T: ?Sized> {
     pub name: &'static str,
     /// Its entry's version.
     pub version: u32,
+    /// Its parameters, defaults included.
+    pub parameters: Table,
     /// The algorithm.
     pub algorithm: Box<T>,
 }
@@ -60,6 +62,14 @@ impl<T: ?Sized> Stage<T> {
     /// Name and version, as records have them: "harris 1".
     pub fn label(&self) -> String {
         format!("{} {}", self.name, self.version)
+    }
+
+    fn description(&self) -> serde_json::Value {
+        serde_json::json!({
+            "algorithm": self.name,
+            "version": self.version,
+            "parameters": self.parameters,
+        })
     }
 }
 
@@ -128,10 +138,29 @@ impl Plan {
 }
 
 impl Pipeline {
+    /// Its algorithms with versions and parameters, for run.json.
+    pub fn description(&self) -> serde_json::Value {
+        serde_json::json!({
+            "name": self.name,
+            "target": self.target.description(),
+            "detect": self.detect.description(),
+            "refine": self.refine.description(),
+            "face": self.face.description(),
+            "grasp": self.grasp.description(),
+        })
+    }
+
     fn build(place: &str, table: &Table) -> Result<Self> {
         let file: PipelineFile = registry::parameters(place, table)?;
-        if file.name.is_empty() {
-            return Err(Error::Other(format!("{place}: name is missing")));
+        // A pipeline's name is part of file names and addresses.
+        let legal = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-' || c == '_';
+        if file.name.is_empty() || !file.name.chars().all(legal) {
+            return Err(Error::OutOfRange {
+                place: place.to_owned(),
+                key: "name".into(),
+                found: format!("{:?}", file.name),
+                allowed: "one or more of a-z, 0-9, - and _".into(),
+            });
         }
         Ok(Self {
             target: stage(place, "target", "target extractor", EXTRACTORS, file.target)?,
@@ -168,7 +197,9 @@ fn stage<T: ?Sized>(
     };
     let entry = registry::find(entries, kind, &name, &place)?;
     let algorithm = (entry.build)(&place, &table)?;
-    Ok(Stage { name: entry.name, version: entry.version, algorithm })
+    let mut parameters = (entry.defaults)();
+    parameters.extend(table);
+    Ok(Stage { name: entry.name, version: entry.version, parameters, algorithm })
 }
 
 /// The names of the recipes in a folder, sorted.

@@ -11,10 +11,12 @@ use parquet::file::reader::{FileReader, SerializedFileReader};
 use parquet::file::writer::SerializedFileWriter;
 use parquet::record::RecordWriter;
 use parquet_derive::ParquetRecordWriter;
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
 use crate::geometry::ImagePoint;
+use crate::sensor::CameraModel;
 
 /// Version of the columns.
 pub const RECORD_VERSION: i32 = 1;
@@ -33,7 +35,7 @@ pub mod kind {
 
 /// What became of it: the words of column `status`.
 pub mod status {
-    /// A visible corner that was found; a grasp point that was computed; a scene that was read.
+    /// A visible corner that was found; a grasp point that was computed.
     pub const OK: &str = "ok";
     /// A visible corner that was not found.
     pub const MISSED: &str = "missed";
@@ -77,10 +79,16 @@ pub struct Record {
     pub camera: String,
     /// Name of the pipeline.
     pub method: String,
-    /// Detector and its version: "harris 1".
+    /// Target extractor and its version: "red_difference 1".
+    pub target_extractor: String,
+    /// Detector and its version.
     pub detector: String,
     /// Refiner and its version.
     pub refiner: String,
+    /// Face selector and its version.
+    pub face_selector: String,
+    /// Grasp estimator and its version.
+    pub grasp_estimator: String,
     /// One of [`kind`].
     pub kind: String,
     /// One of [`status`].
@@ -123,7 +131,7 @@ pub struct Record {
     pub chosen_face: Option<i32>,
     /// The true face that is least occluded.
     pub least_occluded_face: Option<i32>,
-    /// Whether the two are the same.
+    /// Whether the chosen face is that one, or as little occluded to half a percent of its area.
     pub face_is_right: Option<bool>,
     /// Share of the chosen face's pixels that are not the target's, as the method saw it.
     pub face_gap_fraction: Option<f64>,
@@ -196,7 +204,53 @@ pub fn read_records(path: &Path) -> Result<Vec<Record>> {
     Ok(records)
 }
 
-/// What a report draws of one scene and method, beside its records; stands in RUN/scenes/SCENE.json.
+/// How a run came about; stands in RUN/run.json.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct RunDescription {
+    /// Version of cornerbench.
+    pub cornerbench_version: String,
+    /// Name of the plan.
+    pub plan: String,
+    /// Every pipeline with its algorithms' names, versions and parameters, defaults included.
+    pub pipelines: Vec<serde_json::Value>,
+    /// The camera model's values.
+    pub camera_model: CameraModel,
+    /// The suite that was measured.
+    pub suite: String,
+    /// Name of the camera model.
+    pub camera: String,
+    /// How far a detection may lie from the corner it is matched to \[px\].
+    pub gate_px: f64,
+    /// The command line.
+    pub command: String,
+    /// Operating system and processor architecture.
+    pub machine: String,
+    /// The scenes' renderers: "mitsuba 3.9.1 llvm_ad_rgb".
+    pub renderers: Vec<String>,
+}
+
+/// Reads RUN/run.json.
+///
+/// # Errors
+/// When it is missing or not one.
+pub fn read_run(run: &Path) -> Result<RunDescription> {
+    read_json(&run.join("run.json"))
+}
+
+/// Reads what a report draws of one scene and method of a run.
+///
+/// # Errors
+/// When it is missing or not one.
+pub fn read_sketch(run: &Path, scene: &str, method: &str) -> Result<Sketch> {
+    read_json(&run.join("scenes").join(scene).join(format!("{method}.json")))
+}
+
+fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T> {
+    let bytes = std::fs::read(path).map_err(Error::io(path, "read"))?;
+    serde_json::from_slice(&bytes).map_err(|error| Error::malformed(path, error))
+}
+
+/// What a report draws of one scene and method, beside its records; RUN/scenes/SCENE/METHOD.json.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Sketch {
     /// The scene.

@@ -16,6 +16,8 @@ pub struct Entry<T: ?Sized> {
     pub reference: &'static str,
     /// Raised whenever its numbers change; stored in every record.
     pub version: u32,
+    /// Its parameters' default values.
+    pub defaults: fn() -> Table,
     /// Builds it from a table of parameters; `place` names the file and table for messages.
     pub build: fn(place: &str, parameters: &Table) -> Result<Box<T>>,
 }
@@ -74,6 +76,12 @@ fn reject_unknown_keys(place: &str, path: &str, table: &Table, known: &Table) ->
         }
     }
     Ok(())
+}
+
+/// The default values of a struct of parameters, as a table.
+pub fn defaults<P: Default + Serialize>() -> Table {
+    // A struct of numbers, texts and booleans always is a table.
+    Table::try_from(P::default()).unwrap_or_default()
 }
 
 /// Checks that `value` lies in `allowed`, and says so in the words of a range when it does not.

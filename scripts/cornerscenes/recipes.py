@@ -7,6 +7,7 @@ was found, what is allowed and the nearest known name.
 from __future__ import annotations
 
 import difflib
+import math
 import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
@@ -130,15 +131,18 @@ class FilmRecipe(_Table):
     max_depth: Annotated[int, Field(ge=1, le=64)]
 
     @model_validator(mode="after")
-    def _square(self) -> FilmRecipe:
+    def _power_of_four(self) -> FilmRecipe:
+        # A square number, because the multi-jittered sampler rounds all others. A power of two,
+        # because then no film cell's samples are split between threads, whose sums would differ
+        # in the last bit from run to run.
         for key in ("fovea_samples", "periphery_samples"):
             samples = getattr(self, key)
-            root = round((samples / self.passes) ** 0.5)
-            if samples != self.passes * root**2:
-                nearest = self.passes * max(1, root) ** 2
+            exponent = max(1, round(math.log(samples / self.passes, 4)))
+            nearest = self.passes * 4**exponent
+            if samples != nearest:
                 raise ValueError(
-                    f"{key} is {samples}, must be passes times a square number, "
-                    f"as the multi-jittered sampler wants it; near: {nearest}"
+                    f"{key} is {samples}, must be passes ({self.passes}) times a power of four; "
+                    f"near: {nearest}"
                 )
         return self
 

@@ -59,9 +59,9 @@ def test_a_reversed_range_of_a_family_is_refused(tmp_path: Path):
         read(Family, path)
 
 
-def test_samples_that_the_sampler_would_round_are_refused(tmp_path: Path):
-    path = edited(tmp_path, "suites", "quick", "fovea_samples = 50", "fovea_samples = 48")
-    with pytest.raises(RecipeError, match=r"fovea_samples is 48.*near: 50"):
+def test_samples_that_would_be_rounded_or_summed_in_any_order_are_refused(tmp_path: Path):
+    path = edited(tmp_path, "suites", "quick", "fovea_samples = 48", "fovea_samples = 50")
+    with pytest.raises(RecipeError, match=r"fovea_samples is 50.*near: 48"):
         read(Suite, path)
 
 

@@ -32,10 +32,13 @@ impl Purpose {
     }
 }
 
+/// The file that is written into an environment when all of it is there.
+const COMPLETE: &str = ".complete";
+
 /// The Python program of the environment, which is made first where it is missing.
 ///
-/// The environment's folder is named after its lock's hash and appears by renaming, so one that is
-/// there is whole and current.
+/// The environment's folder is named after its lock's hash, so one that is complete is current. One
+/// process at a time makes environments; the others wait for it.
 ///
 /// # Errors
 /// When Python is missing or too old, or a package cannot be fetched; nothing is left behind then.
@@ -45,23 +48,36 @@ pub(super) fn python(root: &Path, purpose: Purpose, say: &dyn Fn(&str)) -> Resul
     let home = root.join(".python");
     let prefix = format!("{}-", purpose.name());
     let folder = home.join(format!("{prefix}{}", &sha256_hex(&bytes)[..12]));
-    if !folder.is_dir() {
-        fs::create_dir_all(&home).map_err(Error::io(&home, "create"))?;
+    let is_complete = || folder.join(COMPLETE).is_file();
+    if is_complete() {
+        return Ok(program(&folder));
+    }
+    fs::create_dir_all(&home).map_err(Error::io(&home, "create"))?;
+    let path = home.join(".lock");
+    let turn = fs::File::create(&path).map_err(Error::io(&path, "create"))?;
+    turn.lock().map_err(Error::io(&path, "lock"))?;
+    if !is_complete() {
         say(&format!("setting up Python for {} in {}", purpose.name(), folder.display()));
-        let unfinished = tempfile::Builder::new()
-            .prefix(".unfinished-")
-            .tempdir_in(&home)
-            .map_err(Error::io(&home, "write into"))?;
-        let environment = unfinished.path().join("environment");
-        install(&environment, &lock)?;
-        match fs::rename(&environment, &folder) {
-            // Somebody else may have finished the same one meanwhile.
-            Err(error) if !folder.is_dir() => return Err(Error::io(&folder, "create")(error)),
-            _ => {}
+        // Incomplete ones, and those of another lock.
+        remove_all(&home, &prefix);
+        if let Err(error) = install(&folder, &lock) {
+            remove_all(&home, &prefix);
+            return Err(error);
         }
-        remove_outdated(&home, &prefix, &folder);
+        let marker = folder.join(COMPLETE);
+        fs::write(&marker, "").map_err(Error::io(&marker, "write"))?;
     }
     Ok(program(&folder))
+}
+
+/// Removes the environments of one purpose. What cannot be removed does no harm: it lacks the marker
+/// or has another name.
+fn remove_all(home: &Path, prefix: &str) {
+    for entry in fs::read_dir(home).into_iter().flatten().flatten() {
+        if entry.file_name().to_string_lossy().starts_with(prefix) {
+            let _ = fs::remove_dir_all(entry.path());
+        }
+    }
 }
 
 fn program(environment: &Path) -> PathBuf {
@@ -81,7 +97,8 @@ fn install(environment: &Path, lock: &Path) -> Result<()> {
         create.args(["venv", "--quiet", "--python", ">=3.11"]).arg(environment);
         run("uv", create)?;
         let mut fetch = Command::new("uv");
-        fetch.args(["pip", "install", "--quiet", "--require-hashes", "--python"]);
+        fetch.args(["pip", "install", "--quiet", "--require-hashes", "--only-binary", ":all:"]);
+        fetch.arg("--python");
         fetch.arg(program(environment)).arg("-r").arg(lock);
         return run("uv", fetch);
     }
@@ -136,16 +153,5 @@ fn complaint(output: &Output) -> String {
         format!("ended with {}", output.status)
     } else {
         lines[from..].join(" | ")
-    }
-}
-
-/// Removes environments of the same purpose that were made from another lock, and what an
-/// interrupted set-up left behind. What cannot be removed does no harm.
-fn remove_outdated(home: &Path, prefix: &str, current: &Path) {
-    for entry in fs::read_dir(home).into_iter().flatten().flatten() {
-        let outdated = entry.file_name().to_string_lossy().starts_with(prefix);
-        if outdated && entry.path() != current {
-            let _ = fs::remove_dir_all(entry.path());
-        }
     }
 }

@@ -2,7 +2,7 @@
 
 use clap::ValueEnum;
 
-use super::{Ended, Global, project};
+use super::{Ended, Global, print_line, project};
 use crate::detect::DETECTORS;
 use crate::error::Result;
 use crate::grasp::{ESTIMATORS, SELECTORS};
@@ -47,11 +47,11 @@ pub(super) fn run(global: &Global, options: &Options) -> Result<Ended> {
             .iter()
             .map(|(name, summary)| serde_json::json!({ "name": name, "summary": summary }))
             .collect();
-        println!("{}", serde_json::json!(rows));
+        print_line(serde_json::json!(rows))?;
     } else {
         let width = rows.iter().map(|(name, _)| name.len()).max().unwrap_or(0);
         for (name, summary) in rows {
-            println!("{name:width$}  {summary}");
+            print_line(format_args!("{name:width$}  {summary}"))?;
         }
     }
     Ok(Ended::Well)

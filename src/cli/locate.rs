@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use super::{Ended, Global, project};
+use super::{Ended, Global, print_line, project};
 use crate::detect::Detection;
 use crate::error::{Error, Result};
 use crate::geometry::ImagePoint;
@@ -11,7 +11,7 @@ use crate::sensor::Exposure;
 
 #[derive(clap::Args)]
 pub(super) struct Options {
-    /// A PNG, JPEG, TIFF or BMP picture.
+    /// A PNG, JPEG, TIFF or BMP picture; more than 8 bits per sample are rounded to 8.
     image: PathBuf,
     /// A point to refine instead of detected ones, in pixels: the centre of the top-left pixel is
     /// 0,0. May be given many times.
@@ -50,25 +50,22 @@ pub(super) fn run(global: &Global, options: &Options) -> Result<Ended> {
     for corner in pipeline.refine.algorithm.refine(&exposure, &seeds) {
         let (seed, at) = (corner.seed.point, corner.position);
         if global.json {
-            println!(
-                "{}",
-                serde_json::json!({
-                    "seed_px": seed,
-                    "position_px": at,
-                    "status": corner.status.name(),
-                    "iterations": corner.iterations,
-                    "response": corner.seed.response,
-                })
-            );
+            print_line(serde_json::json!({
+                "seed_px": seed,
+                "position_px": at,
+                "status": corner.status.name(),
+                "iterations": corner.iterations,
+                "response": corner.seed.response,
+            }))?;
         } else {
-            println!(
+            print_line(format_args!(
                 "({:.3}, {:.3}) -> ({:.4}, {:.4})  {}",
                 seed.x,
                 seed.y,
                 at.x,
                 at.y,
                 corner.status.name()
-            );
+            ))?;
         }
     }
     Ok(Ended::Well)

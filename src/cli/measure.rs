@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use super::{Ended, Global, command_line, project};
+use super::{Ended, Global, command_line, print, print_line, project};
 use crate::error::Result;
 use crate::plan::Plan;
 use crate::report::{self, terminal};
@@ -40,10 +40,10 @@ pub(super) fn measure(
     let outcome = run::measure(&plan, dataset, output, &command_line(), &|_| {})?;
     let (summary, page) = report::write(output)?;
     if global.json {
-        println!("{}", serde_json::json!(summary));
+        print_line(serde_json::json!(summary))?;
     } else {
-        print!("{}", terminal::tables(&summary));
-        println!("open {}", page.display());
+        print(terminal::tables(&summary))?;
+        print_line(format_args!("open {}", page.display()))?;
     }
     Ok(if outcome.unreadable == 0 { Ended::Well } else { Ended::Partly })
 }

@@ -16,7 +16,7 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
-use crate::error::Result;
+use crate::error::{Error, Result};
 
 /// How good is a sub-pixel corner, really, and what does it buy a robot that has to grasp?
 ///
@@ -39,7 +39,7 @@ pub struct Global {
     /// Print results and errors only.
     #[arg(short, long, global = true)]
     quiet: bool,
-    /// Threads to use; all cores where this is not given.
+    /// Threads to measure with; all cores where this is not given.
     #[arg(long, global = true, value_name = "N")]
     threads: Option<usize>,
     /// Folder of suites, families, plans and cameras to use instead of the project's own.
@@ -117,9 +117,25 @@ fn run(arguments: &Arguments) -> Result<Ended> {
     }
 }
 
-/// The folder of a suite's outputs where none is given: out/SUITE.
-fn default_output(suite: &str) -> PathBuf {
-    PathBuf::from("out").join(suite)
+/// The folder of outputs where none is given: out/NAME, where this program was started.
+fn default_output(name: &str) -> PathBuf {
+    PathBuf::from("out").join(name)
+}
+
+/// Prints a result. A reader that has seen enough and closed the pipe is no failure.
+fn print(text: impl std::fmt::Display) -> Result<()> {
+    use std::io::Write as _;
+    match write!(std::io::stdout().lock(), "{text}") {
+        Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
+            Err(Error::io(std::path::Path::new("standard output"), "write")(error))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Prints a result on a line of its own.
+fn print_line(text: impl std::fmt::Display) -> Result<()> {
+    print(format_args!("{text}\n"))
 }
 
 /// The command line as it was given, for the record.

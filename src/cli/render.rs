@@ -2,7 +2,7 @@
 
 use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::{Child, Command, Stdio};
 
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Deserialize;
@@ -69,9 +69,10 @@ pub(super) fn render(
         command.args(["--variant", variant]);
     }
     let failed = |problem: String| Error::Program { program: "the renderer".into(), problem };
-    let mut child = command.spawn().map_err(|error| failed(format!("cannot start: {error}")))?;
-    let stdout = child.stdout.take().ok_or_else(|| failed("has no output".into()))?;
-    let mut stderr = child.stderr.take().ok_or_else(|| failed("has no output".into()))?;
+    let child = command.spawn().map_err(|error| failed(format!("cannot start: {error}")))?;
+    let mut child = Guarded(child);
+    let stdout = child.0.stdout.take().ok_or_else(|| failed("has no output".into()))?;
+    let mut stderr = child.0.stderr.take().ok_or_else(|| failed("has no output".into()))?;
     let complaints = std::thread::spawn(move || {
         let mut text = Vec::new();
         // What cannot be read of the complaints is not worth an error of its own.
@@ -117,16 +118,29 @@ pub(super) fn render(
         }
     }
     bar.finish_and_clear();
-    let status = child.wait().map_err(|error| failed(format!("cannot be waited for: {error}")))?;
+    let status =
+        child.0.wait().map_err(|error| failed(format!("cannot be waited for: {error}")))?;
     let complaints = complaints.join().unwrap_or_default();
     match (refused, status.code()) {
         (Some(message), _) => Err(Error::Other(message)),
-        (None, Some(0 | 1)) if complaints.is_empty() || status.success() => Ok(ended),
+        (None, Some(0)) => Ok(ended),
+        (None, Some(1)) if ended == Ended::Partly => Ok(ended),
         _ => {
             let last: Vec<&str> = complaints.lines().rev().take(3).collect();
             let last: Vec<&str> = last.into_iter().rev().collect();
             Err(failed(format!("ended with {status}: {}", last.join(" | "))))
         }
+    }
+}
+
+/// A process that does not outlive its use.
+struct Guarded(Child);
+
+impl Drop for Guarded {
+    fn drop(&mut self) {
+        // Both fail when it has ended already, which is the usual case.
+        let _ = self.0.kill();
+        let _ = self.0.wait();
     }
 }
 

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use super::{Ended, Global};
+use super::{Ended, Global, print, print_line};
 use crate::error::Result;
 use crate::report::{self, terminal};
 
@@ -16,10 +16,10 @@ pub(super) struct Options {
 pub(super) fn run(global: &Global, options: &Options) -> Result<Ended> {
     let (summary, page) = report::write(&options.run)?;
     if global.json {
-        println!("{}", serde_json::json!(summary));
+        print_line(serde_json::json!(summary))?;
     } else {
-        print!("{}", terminal::tables(&summary));
-        println!("open {}", page.display());
+        print(terminal::tables(&summary))?;
+        print_line(format_args!("open {}", page.display()))?;
     }
     Ok(Ended::Well)
 }

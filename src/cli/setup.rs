@@ -1,7 +1,7 @@
 //! `cornerbench setup`: the Python environment alone.
 
 use super::environment::{Purpose, python};
-use super::{Ended, Global, project};
+use super::{Ended, Global, print_line, project};
 use crate::error::Result;
 
 #[derive(clap::Args)]
@@ -15,9 +15,9 @@ pub(super) fn run(global: &Global, options: &Options) -> Result<Ended> {
     let purpose = if options.dev { Purpose::Development } else { Purpose::Rendering };
     let program = python(&project::root()?, purpose, &|line| global.say(line))?;
     if global.json {
-        println!("{}", serde_json::json!({ "python": program }));
+        print_line(serde_json::json!({ "python": program }))?;
     } else {
-        println!("{}", program.display());
+        print_line(program.display())?;
     }
     Ok(Ended::Well)
 }

@@ -35,7 +35,7 @@ use serde::{Deserialize, Serialize};
 use crate::detect::{Detection, Detector, PeakRule, SearchArea, peaks};
 use crate::filter::{Kernel, gaussian_radius};
 use crate::image::Plane;
-use crate::registry::{Entry, in_range, parameters};
+use crate::registry::{Entry, defaults, in_range, parameters};
 use crate::sensor::Exposure;
 use crate::target::TargetRegion;
 
@@ -45,6 +45,7 @@ pub const ENTRY: Entry<dyn Detector> = Entry {
     summary: "maxima of det M - k (tr M)^2, Gaussian window",
     reference: "Harris & Stephens 1988, corner response function",
     version: 1,
+    defaults: defaults::<Harris>,
     build: |place, table| {
         let harris: Harris = parameters(place, table)?;
         in_range(place, "k", harris.k, 0.0..0.25)?;

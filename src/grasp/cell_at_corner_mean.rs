@@ -40,6 +40,7 @@ pub const ENTRY: Entry<dyn GraspEstimator> = Entry {
     reference: "Visual recognition of robot targets in complex state based on sub-pixel Harris \
                 corner, section 5",
     version: 1,
+    defaults: registry::defaults::<CellAtCornerMean>,
     build: |place, table| Ok(Box::new(CellAtCornerMean::from_table(place, table)?)),
 };
 

@@ -83,6 +83,7 @@ pub const ENTRY: Entry<dyn FaceSelector> = Entry {
     reference: "Visual recognition of robot targets in complex state based on sub-pixel Harris \
                 corner, section 5",
     version: 1,
+    defaults: registry::defaults::<LeastOccluded>,
     build: |place, table| Ok(Box::new(LeastOccluded::from_table(place, table)?)),
 };
 

@@ -41,7 +41,7 @@ use crate::detect::Detection;
 use crate::geometry::ImagePoint;
 use crate::image::Plane;
 use crate::refine::{Corner, RefineStatus, Refiner};
-use crate::registry::{Entry, in_range, parameters};
+use crate::registry::{Entry, defaults, in_range, parameters};
 use crate::sensor::Exposure;
 
 /// The registry's line.
@@ -50,6 +50,7 @@ pub const ENTRY: Entry<dyn Refiner> = Entry {
     summary: "gradient orthogonality, as OpenCV's cornerSubPix",
     reference: "Foerstner & Guelch 1987; OpenCV 5.0.0 cornerSubPix",
     version: 1,
+    defaults: defaults::<CornerSubPix>,
     build: |place, table| {
         let refiner: CornerSubPix = parameters(place, table)?;
         in_range(place, "half_window_px", refiner.half_window_px, 1..=255)?;

@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::detect::Detection;
 use crate::refine::{Corner, RefineStatus, Refiner};
-use crate::registry::{Entry, parameters};
+use crate::registry::{Entry, defaults, parameters};
 use crate::sensor::Exposure;
 
 /// The registry's line.
@@ -25,6 +25,7 @@ pub const ENTRY: Entry<dyn Refiner> = Entry {
     summary: "the detector's own position, unrefined",
     reference: "the paper, Table 1, Harris(x) and Harris(y)",
     version: 1,
+    defaults: defaults::<Unrefined>,
     build: |place, table| Ok(Box::new(parameters::<Unrefined>(place, table)?)),
 };
 

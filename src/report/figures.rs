@@ -83,7 +83,7 @@ pub(super) fn draw(
     corners.picture(&exposure, width, height);
     draw_corners(&mut corners, sketch, rows);
     let caption =
-        "Figure 4, corners: Harris (square), refined (ring), true (cross); thin lines are \
+        "Figure 4, corners: detected (square), refined (ring), true (cross); thin lines are \
                    the true edges"
             .to_owned();
     add("corners", "fig4-corners", caption, corners);
@@ -175,7 +175,7 @@ fn close_up(sketch: &Sketch) -> View {
         (x1, y1) = (x1.max(point.x), y1.max(point.y));
     }
     let (width, height) = (f64::from(sketch.width), f64::from(sketch.height));
-    let side = ((x1 - x0).max(y1 - y0) + 24.0).clamp(24.0, width.min(height));
+    let side = ((x1 - x0).max(y1 - y0) + 24.0).max(24.0).min(width.min(height));
     let place = |low: f64, high: f64, extent: f64| {
         (0.5 * (low + high) - 0.5 * side).clamp(-0.5, extent - 0.5 - side)
     };

@@ -14,10 +14,9 @@ use minijinja::value::Serde;
 use serde_json::json;
 
 use crate::error::{Error, Result};
-use crate::files::write_whole;
-use crate::record::{Record, kind, read_records};
+use crate::files::{replace_folder, write_json, write_whole};
+use crate::record::{Record, kind, read_records, read_run, read_sketch};
 use crate::report::summary::{Summary, summarise};
-use crate::run::{RunDescription, read_sketch, write_json};
 
 /// Writes summary.json and report/ of the run in `folder`, from its records and pictures, and
 /// returns the summary and the page.
@@ -26,18 +25,12 @@ use crate::run::{RunDescription, read_sketch, write_json};
 /// When the run's files are missing or the report cannot be written.
 pub fn write(folder: &Path) -> Result<(Summary, PathBuf)> {
     let records = read_records(&folder.join("records.parquet"))?;
-    let path = folder.join("run.json");
-    let bytes = fs::read(&path).map_err(Error::io(&path, "read"))?;
-    let run: RunDescription =
-        serde_json::from_slice(&bytes).map_err(|error| Error::malformed(&path, error))?;
+    let run = read_run(folder)?;
     let summary = summarise(&records);
     write_json(&folder.join("summary.json"), &summary)?;
 
     let report = folder.join("report");
-    if report.exists() {
-        fs::remove_dir_all(&report).map_err(Error::io(&report, "replace"))?;
-    }
-    fs::create_dir_all(&report).map_err(Error::io(&report, "create"))?;
+    replace_folder(&report)?;
     let mut sections = Vec::new();
     for method in &summary.methods {
         for scene in &method.scenes {

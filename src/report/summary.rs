@@ -104,9 +104,9 @@ pub struct GraspSummary {
     pub asked: usize,
     /// Grasp points computed.
     pub answered: usize,
-    /// Of these, on the least occluded face.
+    /// Scenes in which the least occluded face was chosen.
     pub face_right: usize,
-    /// Of these, on a quadrilateral that covers no face.
+    /// Grasp points on a quadrilateral that covers no face.
     pub no_face_covered: usize,
     /// Median distance from the true face's centre \[mm\].
     pub median_error_mm: Option<f64>,
@@ -207,14 +207,14 @@ fn errors(distances: impl Iterator<Item = f64>) -> Option<Errors> {
 
 fn grasps(records: &[&Record]) -> GraspSummary {
     let asked: Vec<&&Record> = records.iter().filter(|r| r.kind == kind::GRASP).collect();
-    let answered: Vec<&&&Record> = asked.iter().filter(|r| r.grasp_error_mm.is_some()).collect();
+    let answered: Vec<&&&Record> = asked.iter().filter(|r| r.status == status::OK).collect();
     let median = |value: &dyn Fn(&Record) -> Option<f64>| {
         stats::median(&answered.iter().filter_map(|r| value(r)).collect::<Vec<_>>())
     };
     GraspSummary {
         asked: asked.len(),
         answered: answered.len(),
-        face_right: answered.iter().filter(|r| r.face_is_right == Some(true)).count(),
+        face_right: asked.iter().filter(|r| r.face_is_right == Some(true)).count(),
         no_face_covered: answered.iter().filter(|r| r.chosen_face.is_none()).count(),
         median_error_mm: median(&|r| r.grasp_error_mm),
         median_axial_error_mm: median(&|r| r.grasp_axial_error_mm.map(f64::abs)),

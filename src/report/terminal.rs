@@ -35,7 +35,7 @@ fn scene_table(method: &MethodSummary) -> Table {
         "target seen",
         "corners found",
         "false",
-        "Harris error px",
+        "detected error px",
         "refined error px",
         "face",
         "grasp error mm",

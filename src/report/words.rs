@@ -56,7 +56,7 @@ pub fn findings(method: &MethodSummary) -> Vec<String> {
         format!("no grasp point was computed in {} scenes", grasps.asked)
     } else {
         format!(
-            "a grasp point was computed in {} of {} scenes, in {} on the least occluded face; \
+            "a grasp point was computed in {} of {} scenes, the least occluded face was chosen in {}; \
              median error {} mm: {} along the optical axis, {} across it",
             grasps.answered,
             grasps.asked,

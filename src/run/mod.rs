@@ -7,35 +7,13 @@ use std::fs;
 use std::path::Path;
 
 use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
-use crate::files::write_whole;
+use crate::files::{replace_folder, write_json, write_whole};
 use crate::plan::{Pipeline, Plan};
-use crate::record::{RECORD_VERSION, Record, Sketch, kind, status, write_records};
+use crate::record::{RECORD_VERSION, Record, RunDescription, kind, status, write_records};
 use crate::scene::{Dataset, Scene};
 use crate::sensor::{Exposure, RangeImage, Rig, expose};
-
-/// How a run came about; stands in RUN/run.json.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-pub struct RunDescription {
-    /// Version of cornerbench.
-    pub cornerbench_version: String,
-    /// Name of the plan.
-    pub plan: String,
-    /// The suite that was measured.
-    pub suite: String,
-    /// Name of the camera model.
-    pub camera: String,
-    /// How far a detection may lie from the corner it is matched to \[px\].
-    pub gate_px: f64,
-    /// The command line.
-    pub command: String,
-    /// Operating system and processor architecture.
-    pub machine: String,
-    /// The scenes' renderers: "mitsuba 3.9.1 llvm_ad_rgb".
-    pub renderers: Vec<String>,
-}
 
 /// What a run did.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -60,10 +38,14 @@ pub fn measure(
     on_scene: &(dyn Fn(&str) + Sync),
 ) -> Result<Outcome> {
     let pictures = output.join("scenes");
-    if pictures.exists() {
-        fs::remove_dir_all(&pictures).map_err(Error::io(&pictures, "replace"))?;
+    if !output.join("run.json").exists() && (pictures.exists() || output.join("report").exists()) {
+        return Err(Error::Other(format!(
+            "{}: holds scenes or report, but no run.json: it is not a run and would be overwritten; \
+             choose another folder with -o",
+            output.display()
+        )));
     }
-    fs::create_dir_all(&pictures).map_err(Error::io(&pictures, "create"))?;
+    replace_folder(&pictures)?;
     let scenes: Vec<&str> = dataset.scenes().collect();
     let rows: Vec<Vec<Record>> = scenes
         .par_iter()
@@ -88,6 +70,8 @@ pub fn measure(
     let description = RunDescription {
         cornerbench_version: env!("CARGO_PKG_VERSION").to_owned(),
         plan: plan.name.clone(),
+        pipelines: plan.pipelines.iter().map(Pipeline::description).collect(),
+        camera_model: plan.camera_model.clone(),
         suite: dataset.suite().to_owned(),
         camera: plan.camera.clone(),
         gate_px: plan.gate_px,
@@ -176,8 +160,11 @@ fn template(plan: &Plan, pipeline: &Pipeline, dataset: &Dataset, scene: &Scene) 
         pose: scene.description.pose.clone(),
         camera: plan.camera.clone(),
         method: pipeline.name.clone(),
+        target_extractor: pipeline.target.label(),
         detector: pipeline.detect.label(),
         refiner: pipeline.refine.label(),
+        face_selector: pipeline.face.label(),
+        grasp_estimator: pipeline.grasp.label(),
         target_visible_fraction: Some(scene.truth.target_visible_fraction),
         ..Record::default()
     }
@@ -195,27 +182,4 @@ fn unreadable(plan: &Plan, dataset: &Dataset, scene: &str, error: &Error) -> Rec
         reason: Some(error.chain()),
         ..Record::default()
     }
-}
-
-/// Reads the sketch of one scene and method of a run.
-///
-/// # Errors
-/// When it is missing or not one.
-pub fn read_sketch(run: &Path, scene: &str, method: &str) -> Result<Sketch> {
-    let path = run.join("scenes").join(scene).join(format!("{method}.json"));
-    let bytes = fs::read(&path).map_err(Error::io(&path, "read"))?;
-    serde_json::from_slice(&bytes).map_err(|error| Error::malformed(&path, error))
-}
-
-/// Writes `content` as JSON, whole or not at all.
-///
-/// # Errors
-/// [`Error::Io`].
-pub fn write_json(path: &Path, content: &impl Serialize) -> Result<()> {
-    let mut text =
-        serde_json::to_string_pretty(content).map_err(|error| Error::malformed(path, error))?;
-    text.push('\n');
-    write_whole(path, |temporary| {
-        fs::write(temporary, &text).map_err(Error::io(temporary, "write"))
-    })
 }

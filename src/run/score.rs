@@ -89,22 +89,23 @@ fn grasp_record(template: &Record, truth: &Truth, answers: &Answers, rig: &Rig) 
     let Some(Ok(face)) = &answers.face else { return record };
     let chosen = covered_face(truth, &face.corners);
     record.chosen_face = chosen.and_then(index);
-    record.face_is_right = Some(chosen.is_some() && record.chosen_face == best.and_then(index));
+    record.face_is_right = Some(chosen.is_some_and(|face| truth.is_least_occluded(face)));
     record.face_gap_fraction = Some(face.gap_fraction);
-    let (Some(Ok(grasp)), Some(meant)) = (&answers.grasp, chosen.or(best)) else { return record };
-    let error = grasp_error(&grasp.point_in_camera, meant, &rig.world_from_camera);
-    Record {
-        grasp_x_px: Some(grasp.image_point.x),
-        grasp_y_px: Some(grasp.image_point.y),
-        grasp_image_error_px: Some(grasp.image_point.distance_px(meant.centre_image_point_px)),
-        grasp_world_x_m: Some(grasp.point_in_world.x),
-        grasp_world_y_m: Some(grasp.point_in_world.y),
-        grasp_world_z_m: Some(grasp.point_in_world.z),
-        grasp_error_mm: Some(error.distance_mm),
-        grasp_axial_error_mm: Some(error.axial_mm),
-        grasp_lateral_error_mm: Some(error.lateral_mm),
-        ..record
+    let Some(Ok(grasp)) = &answers.grasp else { return record };
+    record.grasp_x_px = Some(grasp.image_point.x);
+    record.grasp_y_px = Some(grasp.image_point.y);
+    record.grasp_world_x_m = Some(grasp.point_in_world.x);
+    record.grasp_world_y_m = Some(grasp.point_in_world.y);
+    record.grasp_world_z_m = Some(grasp.point_in_world.z);
+    if let Some(meant) = chosen.or(best) {
+        let error = grasp_error(&grasp.point_in_camera, meant, &rig.world_from_camera);
+        record.grasp_image_error_px =
+            Some(grasp.image_point.distance_px(meant.centre_image_point_px));
+        record.grasp_error_mm = Some(error.distance_mm);
+        record.grasp_axial_error_mm = Some(error.axial_mm);
+        record.grasp_lateral_error_mm = Some(error.lateral_mm);
     }
+    record
 }
 
 /// What a report draws of the scene and the answers, beside the records.

@@ -147,6 +147,16 @@ impl Dataset {
         let folder = self.folder.join(scene);
         let path = folder.join("scene.json");
         let description: Description = parse(&path, &self.checked(entry, &path)?)?;
+        if description.format != FORMAT {
+            let problem = format!("format is {}, this program reads {FORMAT}", description.format);
+            return Err(Error::malformed(&path, problem));
+        }
+        // What is read for people alone is checked, too.
+        const READ: [&str; 5] =
+            ["scene.json", "truth.json", "film.exr", "geometry.exr", "range.exr"];
+        for name in entry.files.keys().filter(|name| !READ.contains(&name.as_str())) {
+            self.checked(entry, &folder.join(name))?;
+        }
         check_camera(&path, "camera", &description.camera)?;
         check_camera(&path, "range_camera", &description.range_camera)?;
         let oversampling = description.film.oversampling;

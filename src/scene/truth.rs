@@ -103,6 +103,14 @@ impl Truth {
         )
     }
 
+    /// Whether a face is the least occluded one, or as little occluded to half a percent of its area.
+    pub fn is_least_occluded(&self, face: &TrueFace) -> bool {
+        const SAME: f64 = 0.005;
+        self.least_occluded_face().is_some_and(|best| {
+            face.facing && face.visible_fraction >= best.visible_fraction - SAME
+        })
+    }
+
     /// Whether all indices refer to what is there; checked once, on loading.
     pub(crate) fn is_consistent(&self) -> bool {
         let corner = |index: &usize| *index < self.corners.len();

@@ -130,7 +130,8 @@ impl Exposure {
     }
 
     /// Grey value \[DN\]: the encoded channels weighted by 0.299, 0.587, 0.114 (Rec. 601) and rounded
-    /// to a whole number, which is what `rgb2gray` and `cvtColor` make of an 8-bit picture.
+    /// to a whole number, halves upwards. OpenCV's `cvtColor` rounds its weights to fixed point: it
+    /// differs by one in about one pixel of a thousand.
     pub fn luma(&self) -> &Plane<f32> {
         self.luma.get_or_init(|| {
             let [red, green, blue] = &self.rgb;

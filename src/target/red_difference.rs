@@ -23,7 +23,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::image::Plane;
-use crate::registry::{Entry, in_range, parameters};
+use crate::registry::{Entry, defaults, in_range, parameters};
 use crate::sensor::Exposure;
 use crate::target::{NoTarget, TargetExtractor, TargetRegion, largest_region};
 
@@ -33,6 +33,7 @@ pub const ENTRY: Entry<dyn TargetExtractor> = Entry {
     summary: "largest region where red exceeds green and blue by diff_r",
     reference: "the paper, section 3.2",
     version: 1,
+    defaults: defaults::<RedDifference>,
     build: |place, table| {
         let extractor: RedDifference = parameters(place, table)?;
         in_range(place, "diff_r", extractor.diff_r, 0.0..=255.0)?;

@@ -189,7 +189,7 @@ fn the_readme_s_commands_are_those_of_the_program() {
     let help = stdout(&run(cornerbench().arg("--help")));
     let named: Vec<&str> = readme
         .lines()
-        .filter_map(|line| line.trim().strip_prefix("cornerbench "))
+        .filter_map(|line| line.strip_prefix("    cornerbench "))
         .filter_map(|rest| rest.split_whitespace().next())
         .collect();
     assert!(named.len() >= 5, "the README shows {named:?}");

@@ -33,6 +33,8 @@ fn allowed(from: &str, to: &str) -> bool {
         (Some(from), Some(to)) => to <= from,
         (Some(_), None) => to != "scene" && layer(to) < layer(from),
         // The plan builds stages, matching and metrics read their output, the sensor reads film.
+        // Reports read records and run nothing.
+        _ if from == "report" => to == "record" || layer(to) == 0,
         _ => layer(to) <= layer(from),
     }
 }
@@ -55,7 +57,9 @@ fn uses(text: &str) -> Vec<(usize, String)> {
     let mut found = Vec::new();
     for (line, text) in text.lines().enumerate().filter(|(_, t)| !t.trim_start().starts_with("//"))
     {
+        assert!(!text.contains("super::super"), "line {}: name it by crate::", line + 1);
         for part in text.split("crate::").skip(1) {
+            assert!(!part.starts_with('{'), "line {}: one use for each module", line + 1);
             let name: String =
                 part.chars().take_while(|c| c.is_ascii_lowercase() || *c == '_').collect();
             if !name.is_empty() {
@@ -85,6 +89,18 @@ fn dependency_runs_one_way() {
         }
     }
     assert!(wrong.is_empty(), "against the layers:\n{}", wrong.join("\n"));
+}
+
+#[test]
+fn a_use_is_seen_in_imports_and_in_paths() {
+    let text = "use crate::scene::Truth;\n// crate::report\nlet x = crate::run::measure();\n";
+    assert_eq!(uses(text), [(1, "scene".to_owned()), (3, "run".to_owned())]);
+}
+
+#[test]
+#[should_panic(expected = "one use for each module")]
+fn a_grouped_import_cannot_hide_a_module() {
+    uses("use crate::{scene::Truth, image::Plane};");
 }
 
 #[test]

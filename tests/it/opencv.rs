@@ -12,8 +12,9 @@ use crate::support::{cornerbench, project, python, succeed};
 const SEEDS: usize = 1000;
 
 /// On 1,000 random seeds over a rendered photograph our `corner_sub_pix` and `cv2.cornerSubPix` agree
-/// to 1e-3 px on at least 99 %. The others lie at the right border, where OpenCV's resampling does
-/// not replicate the border's pixels as it says.
+/// to 1e-3 px on at least 99 %. What differs has been at the right border, where OpenCV's resampling
+/// does not replicate the border's pixels as it says. The picture is the exposure of a rendered scene
+/// (a plant before the target, seen from above).
 #[test]
 fn corner_sub_pix_equals_opencv_over_a_rendered_picture() {
     let picture = project().join("tests/fixtures/overhead-leaves.png");
