@@ -56,6 +56,17 @@ fn every_key_of_the_recipes_is_described() {
 }
 
 #[test]
+fn the_readme_s_links_and_pictures_are_there() {
+    let text = fs::read_to_string(project().join("README.md")).expect("a README");
+    let links: Vec<&str> =
+        text.split("](").skip(1).filter_map(|rest| rest.split(')').next()).collect();
+    assert!(links.len() >= 3, "{links:?}");
+    for link in links {
+        assert!(project().join(link).is_file(), "{link} is missing");
+    }
+}
+
+#[test]
 fn every_algorithm_s_header_is_complete() {
     const SECTIONS: [&str; 9] = [
         "Method",
