@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float, UInt32
 
 from cornerscenes.camera import Camera, inverse, looking_at, transformed
 from cornerscenes.room import Surface
-from cornerscenes.shape import Material, Part
+from cornerscenes.shape import Material, Part, vertex_normals
 
 mi: Any = mitsuba  # its stubs describe one variant only; which one runs is known at start
 
@@ -285,7 +285,11 @@ def _mesh(name: str, solid: Solid) -> Any:
     parameters["faces"] = part.triangles.astype(np.uint32).ravel()
     parameters.update()
     if part.smooth:
-        mesh.recompute_vertex_normals()
+        # After the positions, whose update makes normals of its own: in parallel, so that their last
+        # bits, and with them whole paths, would differ from run to run.
+        normals = vertex_normals(positions, part.triangles)
+        parameters["vertex_normals"] = normals.astype(np.float32).ravel()
+        parameters.update()
     return mesh
 
 

@@ -53,3 +53,31 @@ class Part:
     triangles: Int[np.ndarray, "m 3"]
     material: Material
     smooth: bool = True
+
+
+def vertex_normals(
+    vertices: Float[np.ndarray, "n 3"], triangles: Int[np.ndarray, "m 3"]
+) -> Float[np.ndarray, "n 3"]:
+    """Return unit normals at vertices: those of their triangles, weighted by the angle there.
+
+    Parameters
+    ----------
+    vertices : Float[np.ndarray, "n 3"]
+        Positions [m].
+    triangles : Int[np.ndarray, "m 3"]
+        Vertex indices, none of them degenerate.
+    """
+    corners = vertices[triangles]
+    facet = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    facet /= np.linalg.norm(facet, axis=1, keepdims=True)
+    normals = np.zeros_like(vertices)
+    for index in range(3):
+        one = corners[:, (index + 1) % 3] - corners[:, index]
+        other = corners[:, (index + 2) % 3] - corners[:, index]
+        sine = np.linalg.norm(np.cross(one, other), axis=1)
+        angle = np.arctan2(sine, np.einsum("ij,ij->i", one, other))
+        np.add.at(normals, triangles[:, index], angle[:, None] * facet)
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    return np.divide(
+        normals, length, out=np.tile([0.0, 0.0, 1.0], (len(normals), 1)), where=length > 0
+    )

@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
+from cornerscenes import cuboid
 from cornerscenes.objects import BUILDERS
+from cornerscenes.shape import Material, vertex_normals
 
 
 @pytest.mark.parametrize("name", sorted(BUILDERS))
@@ -33,3 +35,10 @@ def test_no_object_is_red_at_any_exposure(name: str):
                 )
                 red, green, blue = 255.0 * encoded
                 assert min(red - green, red - blue) < 60.0
+
+
+def test_normals_at_the_corners_of_a_cuboid_point_along_its_diagonals():
+    box = cuboid.part((0.1, 0.2, 0.3), Material((0.5, 0.5, 0.5)))
+    normals = vertex_normals(box.vertices, box.triangles)
+    outwards = np.sign(box.vertices - [0.0, 0.0, 0.15])
+    assert np.abs(normals - outwards / np.sqrt(3.0)).max() < 1e-12
