@@ -285,8 +285,8 @@ def _mesh(name: str, solid: Solid) -> Any:
     parameters["faces"] = part.triangles.astype(np.uint32).ravel()
     parameters.update()
     if part.smooth:
-        # After the positions, whose update makes normals of its own: in parallel, so that their last
-        # bits, and with them whole paths, would differ from run to run.
+        # After the positions, whose update makes normals of its own: in parallel, so that their
+        # last bits, and with them whole paths, would differ from run to run.
         normals = vertex_normals(positions, part.triangles)
         parameters["vertex_normals"] = normals.astype(np.float32).ravel()
         parameters.update()
