@@ -11,12 +11,14 @@ import sys
 import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from multiprocessing import get_context
 from pathlib import Path
 
 from cornerscenes.dataset import FORMAT, Dataset, DatasetError
-from cornerscenes.recipes import Family, RecipeError, SceneRecipe, Suite, read
+from cornerscenes.library import Library
+from cornerscenes.recipes import Family, SceneRecipe, Suite
+from cornerscenes.tables import RecipeError, read
 
 # Loading a scene leaks in the renderer: a worker renders this many scenes and is replaced.
 SCENES_PER_WORKER = 8
@@ -35,6 +37,7 @@ class Job:
     suite: Suite
     scene: SceneRecipe
     family: Family
+    library: Library
     recipe_sha256: str
     variant: str
 
@@ -85,18 +88,18 @@ def render(
         0 when every scene is there, 1 when one failed.
     """
     suite = read(Suite, recipes / "suites" / f"{suite_name}.toml")
-    names = {scene.family for scene in suite.scenes}
+    scenes = suite.all_scenes(suite_name)
+    names = {scene.family for scene in scenes}
+    library = Library.of(recipes)
     families = {name: read(Family, recipes / "families" / f"{name}.toml") for name in sorted(names)}
     dataset = Dataset(output, suite_name)
-    dataset.keep_only([scene.name for scene in suite.scenes])
+    dataset.keep_only([scene.name for scene in scenes])
     wanted = {
-        scene.name: recipe_hash(suite_name, scene, suite, families[scene.family])
-        for scene in suite.scenes
+        scene.name: recipe_hash(suite_name, scene, suite, families[scene.family], library)
+        for scene in scenes
     }
-    missing = [
-        s for s in suite.scenes if not dataset.is_current(s.name, wanted[s.name], wanted_variant)
-    ]
-    tell({"event": "start", "scenes": len(suite.scenes), "missing": len(missing)})
+    missing = [s for s in scenes if not dataset.is_current(s.name, wanted[s.name], wanted_variant)]
+    tell({"event": "start", "scenes": len(scenes), "missing": len(missing)})
     if not missing:
         return 0
     dataset.forget([scene.name for scene in missing])
@@ -109,7 +112,8 @@ def render(
             tell({"event": "slow", "message": HOW_TO_BE_FAST})
         for scene in missing:
             tell({"event": "rendering", "scene": scene.name})
-            job = Job(suite_name, suite, scene, families[scene.family], wanted[scene.name], variant)
+            family = families[scene.family]
+            job = Job(suite_name, suite, scene, family, library, wanted[scene.name], variant)
             try:
                 done = pool.submit(_render_one, job, Dataset(output, suite_name)).result()
                 tell({"event": "done", "scene": scene.name, **done})
@@ -120,18 +124,21 @@ def render(
                 failed += 1
                 message = f"{type(error).__name__}: {error}"
                 tell({"event": "failed", "scene": scene.name, "message": message})
-    Dataset(output, suite_name).keep_only([scene.name for scene in suite.scenes])
+    Dataset(output, suite_name).keep_only([scene.name for scene in scenes])
     return 1 if failed else 0
 
 
-def recipe_hash(suite_name: str, scene: SceneRecipe, suite: Suite, family: Family) -> str:
+def recipe_hash(
+    suite_name: str, scene: SceneRecipe, suite: Suite, family: Family, library: Library
+) -> str:
     """Return the hash of all that decides a scene's content: its recipe and its generators."""
     content = {
         "format": FORMAT,
         "suite": suite_name,
-        "scene": scene.model_dump(),
+        "scene": asdict(scene),
         "film": suite.film.model_dump(),
         "family": family.model_dump(exclude={"summary"}),
+        "library": library.used_by(family).described(),
         "generators": generators(),
     }
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
@@ -170,7 +177,7 @@ def _render_one(job: Job, dataset: Dataset) -> dict[str, float]:
 
     started = time.monotonic()
     mitsuba_backend.choose_variant(job.variant)
-    scene = lay_out(job.suite_name, job.scene, job.family)
+    scene = lay_out(job.suite_name, job.scene, job.family, job.library)
     key = f"{job.suite_name}/{job.scene.name}"
     renderer = {
         "name": "mitsuba",
