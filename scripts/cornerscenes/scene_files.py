@@ -16,7 +16,7 @@ from cornerscenes.film import Film, FilmRenderer, binned, significant
 from cornerscenes.mitsuba_backend import World
 from cornerscenes.recipes import FilmRecipe, SceneRecipe
 from cornerscenes.scene import TARGET_ID, Scene
-from cornerscenes.truth import seen_corners, truth
+from cornerscenes.truth import add_from_film, seen_corners, truth
 
 # Significant bits of the film's radiance and of its variance. The radiance is rounded by 1e-4 of
 # itself; its noise per film cell is a hundred times that.
@@ -68,6 +68,7 @@ def write(
         attributes,
     )
     pixels = binned(film.radiance, recipe.oversampling)
+    add_from_film(true, pixels, film.variance)
     write_json(folder / "truth.json", true)
     write_json(folder / "scene.json", description(scene, recipe, scene_recipe, key, film))
     _preview(folder / "preview.png", pixels)
