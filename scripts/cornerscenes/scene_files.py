@@ -11,6 +11,7 @@ from jaxtyping import Float
 from PIL import Image
 
 from cornerscenes import buffers, exr
+from cornerscenes.coverage import coverage
 from cornerscenes.dataset import FORMAT, write_json
 from cornerscenes.film import Film, FilmRenderer, binned, significant
 from cornerscenes.mitsuba_backend import World
@@ -43,6 +44,9 @@ def write(
         (exr.Layer("radiance", _rgb(radiance)), exr.Layer("variance", _rgb(variance))),
         attributes,
     )
+    if not film.fovea_px.is_empty:
+        covered = coverage(scene, world, recipe.oversampling, film.fovea_px, key)
+        exr.write(folder / "coverage.exr", (exr.Layer("coverage", _rgb(covered)),), attributes)
     geometry = buffers.cast_geometry(scene, world)
     exr.write(
         folder / "geometry.exr",
