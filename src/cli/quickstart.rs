@@ -16,6 +16,6 @@ pub(super) fn run(global: &Global, _: &Options) -> Result<Ended> {
     let output = default_output(SUITE);
     let folder = output.join("dataset");
     let rendered = render(global, SUITE, &folder, None)?;
-    let measured = measure(global, PLAN, &Dataset::open(&folder)?, &output)?;
+    let measured = measure(global, PLAN, &Dataset::open(&folder)?, None, &output)?;
     Ok(if rendered == Ended::Well { measured } else { rendered })
 }
