@@ -46,8 +46,9 @@ pub(super) fn run(global: &Global, options: &Options) -> Result<Ended> {
         if let Some(error) = error {
             bar.suspend(|| eprintln!("{name} skipped: {}", error.chain()));
         }
-    })?;
+    });
     bar.finish_and_clear();
+    let exported = exported?;
     if global.json {
         print_line(serde_json::json!({ "output": output, "export": exported }))?;
     } else {

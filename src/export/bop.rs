@@ -43,6 +43,7 @@ impl Bop {
 
     /// The object of this size.
     fn object(&mut self, size_m: [f64; 3]) -> usize {
+        #[allow(clippy::float_cmp, reason = "the same numbers make the same model, no others do")]
         let known = self.models.iter().position(|known_m| *known_m == size_m);
         1 + known.unwrap_or_else(|| {
             self.models.push(size_m);
@@ -331,12 +332,20 @@ mod tests {
     }
 
     #[test]
+    fn targets_of_one_size_share_a_model() {
+        let mut export = Bop::new(Path::new("unused"));
+        let sizes = [[0.1, 0.2, 0.3], [0.2, 0.2, 0.3], [0.1, 0.2, 0.3]];
+        assert_eq!(sizes.map(|size_m| export.object(size_m)), [1, 2, 1]);
+        assert_eq!(export.models, sizes[..2]);
+    }
+
+    #[test]
     fn depth_beyond_sixteen_bits_takes_larger_steps() {
         let depth = |metres: f32| Depth::of(&Plane::from_samples(2, 1, vec![0.0, metres]));
-        let near = depth(6.5535);
-        assert_eq!((near.steps.samples(), near.step_mm), (&[0, 65535][..], 0.1));
-        let far = depth(6.5537);
-        assert_eq!((far.steps.samples(), far.step_mm), (&[0, 32769][..], 0.2));
+        let near = depth(6.553);
+        assert_eq!((near.steps.samples(), near.step_mm), (&[0, 65530][..], 0.1));
+        let far = depth(6.554);
+        assert_eq!((far.steps.samples(), far.step_mm), (&[0, 32770][..], 0.2));
     }
 
     #[test]
@@ -375,7 +384,7 @@ mod tests {
         let camera = Camera { width: 4, height: 4, fx_px: 1.0, fy_px: 1.0, cx_px: 0.0, cy_px: 0.0 };
         let visible = Plane::from_fn(4, 4, |x, y| x == 3 && y == 1);
         let whole =
-            outline(&[Point3::new(1.0, 1.0, 1.0)], &camera, &visible).crop(frame_of(&visible));
+            outline(&[Point3::new(1.0, 1.0, 1.0); 2], &camera, &visible).crop(frame_of(&visible));
         let expected = Plane::from_fn(4, 4, |x, y| y == 1 && (x == 1 || x == 3));
         assert_eq!(whole, expected);
     }

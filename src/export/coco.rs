@@ -9,7 +9,7 @@ use serde::Serialize;
 use super::{Writer, save, visible_mask};
 use crate::error::{Error, Result};
 use crate::image::Plane;
-use crate::scene::{Description, Scene, Truth, Visibility};
+use crate::scene::{Description, Scene, TrueCorner, Truth, Visibility};
 
 /// An export to COCO, growing.
 pub(super) struct Coco {
@@ -65,7 +65,7 @@ struct RunLengths {
     counts: Vec<usize>,
 }
 
-#[derive(PartialEq, Serialize)]
+#[derive(Serialize)]
 struct Category {
     id: usize,
     name: String,
@@ -91,27 +91,28 @@ impl Coco {
         Self { folder: folder.to_owned(), content }
     }
 
-    /// The category of targets with these corners and edges.
+    /// The category of targets of a kind with these corners and edges.
     fn category(&mut self, kind: &str, truth: &Truth) -> usize {
-        let corners = truth.corners.len();
-        let skeleton = truth.edges.iter().map(|edge| edge.corners.map(|corner| corner + 1));
+        let keypoints: Vec<String> =
+            (0..truth.corners.len()).map(|corner| format!("vertex{corner}")).collect();
+        let skeleton: Vec<[usize; 2]> =
+            truth.edges.iter().map(|edge| edge.corners.map(|corner| corner + 1)).collect();
         let categories = &mut self.content.categories;
-        let mut category = Category {
-            id: 0,
-            name: format!("{kind}-{corners}"),
-            supercategory: kind.to_owned(),
-            keypoints: (0..corners).map(|corner| format!("vertex{corner}")).collect(),
-            skeleton: skeleton.collect(),
-        };
-        for known in categories.iter() {
-            category.id = known.id;
-            if *known == category {
-                return known.id;
-            }
+        let known = categories.iter().find(|known| {
+            (known.supercategory.as_str(), &known.keypoints, &known.skeleton)
+                == (kind, &keypoints, &skeleton)
+        });
+        if let Some(known) = known {
+            return known.id;
         }
-        category.id += 1;
-        let id = category.id;
-        categories.push(category);
+        let id = categories.len() + 1;
+        categories.push(Category {
+            id,
+            name: format!("{kind}-{}", keypoints.len()),
+            supercategory: kind.to_owned(),
+            keypoints,
+            skeleton,
+        });
         id
     }
 }
@@ -156,7 +157,7 @@ const KIND: &str = "cuboid";
 
 /// x, y, v of each corner; 0, 0, 0 outside the image.
 fn keypoints(description: &Description, truth: &Truth) -> Vec<f64> {
-    let of_corner = |corner: &crate::scene::TrueCorner| {
+    let of_corner = |corner: &TrueCorner| {
         let point = corner.image_point_px;
         // A corner that the target itself hides is called that outside the image, too.
         match corner.visibility {

@@ -52,7 +52,7 @@ pub struct Request<'a> {
 }
 
 /// What was exported: `export.json`, beside the format's own files.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Exported {
     /// Version of this program.
     pub cornerbench_version: String,
@@ -62,6 +62,8 @@ pub struct Exported {
     pub suite: String,
     /// Name of the camera.
     pub camera: String,
+    /// The camera.
+    pub camera_model: CameraModel,
     /// The command line.
     pub command: String,
     /// The scenes that are there.
@@ -120,6 +122,7 @@ pub fn export(
         format: request.format,
         suite: dataset.suite().to_owned(),
         camera: request.camera.to_owned(),
+        camera_model: request.camera_model.clone(),
         command: request.command.to_owned(),
         scenes: Vec::new(),
         unreadable: Vec::new(),
