@@ -66,7 +66,7 @@ def bricks(generator: np.random.Generator, colour: Rgb) -> Texture:
     tone = generator.uniform(0.80, 1.15, (course.max() + 1, brick.max() + 1))
     shade = tone[course[:, None], brick] * (1.0 + 0.05 * _noise(generator, 1.5))
     in_joint = (_rows() % high < joint)[:, None] | (along % long < joint)
-    shade[in_joint] = 1.5
+    shade[in_joint] = 1.25
     return _tinted(shade, colour)
 
 
