@@ -66,6 +66,20 @@ def choose_variant(wanted: str | None = None) -> str:
     raise RuntimeError(f"mitsuba runs none of {', '.join(candidates)} on this machine")
 
 
+def target_solids(scene: Scene) -> list[Solid]:
+    """Return the target's meshes, placed."""
+    pose = scene.target.world_from_target
+    return [Solid(TARGET_ID, part, pose) for part in scene.target.parts]
+
+
+def _object_solids(scene: Scene) -> list[Solid]:
+    return [
+        Solid(item.object_id, part, item.world_from_object)
+        for item in scene.objects
+        for part in item.shape.parts
+    ]
+
+
 class World:
     """A scene as the renderer holds it."""
 
@@ -112,18 +126,27 @@ class World:
     @classmethod
     def of(cls, scene: Scene, max_depth: int) -> World:
         """Return a scene as the renderer holds it."""
-        target = scene.target
-        solids = [Solid(TARGET_ID, part, target.world_from_target) for part in target.parts]
-        solids += [
-            Solid(item.object_id, part, item.world_from_object)
-            for item in scene.objects
-            for part in item.shape.parts
-        ]
-        return cls(solids, scene.surfaces, scene.light, max_depth)
+        return cls(
+            target_solids(scene) + _object_solids(scene), scene.surfaces, scene.light, max_depth
+        )
 
     def _add(self, name: str, shape: Any, object_id: int, face: int) -> None:
         self._shapes[name] = shape
         self._ids[name] = object_id, face
+
+    def without(self, object_id: int) -> World:
+        """Return what is left without an object, in the dark."""
+        left = {
+            name: shape for name, shape in self._shapes.items() if self._ids[name][0] != object_id
+        }
+        return self._in_the_dark(left)
+
+    def _in_the_dark(self, shapes: dict[str, Any]) -> World:
+        dark = World.__new__(World)
+        dark._ids, dark._shapes = self._ids, shapes
+        integrator = {"type": "path", "max_depth": 1}
+        dark._scene = mi.load_dict({"type": "scene", "integrator": integrator, **shapes})
+        return dark
 
     def shining(self, solids: list[tuple[Solid, Rgb]]) -> World:
         """Return the same geometry in the dark, but for some of its meshes, which shine.
@@ -135,13 +158,10 @@ class World:
         solids : list[tuple[Solid, Rgb]]
             First meshes of this world, in its order, and the radiance of each.
         """
-        dark = World.__new__(World)
-        dark._ids, dark._shapes = self._ids, dict(self._shapes)
+        shapes = dict(self._shapes)
         for index, (solid, radiance) in enumerate(solids):
-            dark._shapes[f"solid{index}"] = _mesh(f"solid{index}", solid, radiance)
-        integrator = {"type": "path", "max_depth": 1}
-        dark._scene = mi.load_dict({"type": "scene", "integrator": integrator, **dark._shapes})
-        return dark
+            shapes[f"solid{index}"] = _mesh(f"solid{index}", solid, radiance)
+        return self._in_the_dark(shapes)
 
     def radiance(
         self,

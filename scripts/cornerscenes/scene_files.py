@@ -11,12 +11,13 @@ from jaxtyping import Float
 from PIL import Image
 
 from cornerscenes import buffers, exr
+from cornerscenes.coverage import coverage
 from cornerscenes.dataset import FORMAT, write_json
 from cornerscenes.film import Film, FilmRenderer, binned, significant
 from cornerscenes.mitsuba_backend import World
 from cornerscenes.recipes import FilmRecipe, SceneRecipe
 from cornerscenes.scene import TARGET_ID, Scene
-from cornerscenes.truth import seen_corners, truth
+from cornerscenes.truth import add_from_film, seen_corners, truth
 
 # Significant bits of the film's radiance and of its variance. The radiance is rounded by 1e-4 of
 # itself; its noise per film cell is a hundred times that.
@@ -43,6 +44,9 @@ def write(
         (exr.Layer("radiance", _rgb(radiance)), exr.Layer("variance", _rgb(variance))),
         attributes,
     )
+    if not film.fovea_px.is_empty:
+        covered = coverage(scene, world, recipe.oversampling, film.fovea_px, key)
+        exr.write(folder / "coverage.exr", (exr.Layer("coverage", _rgb(covered)),), attributes)
     geometry = buffers.cast_geometry(scene, world)
     exr.write(
         folder / "geometry.exr",
@@ -68,6 +72,7 @@ def write(
         attributes,
     )
     pixels = binned(film.radiance, recipe.oversampling)
+    add_from_film(true, pixels, film.variance)
     write_json(folder / "truth.json", true)
     write_json(folder / "scene.json", description(scene, recipe, scene_recipe, key, film))
     _preview(folder / "preview.png", pixels)
