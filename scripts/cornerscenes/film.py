@@ -16,7 +16,7 @@ from cornerscenes.scene import Scene
 from cornerscenes.streams import seed
 
 # Half the side of the window about a corner: the pixels from which its edges are located.
-_CORNER_HALF_PX = ceil(LONGEST_PX) + 2
+_CORNER_HALF_PX = ceil(LONGEST_PX)
 
 
 @dataclass(frozen=True)

@@ -99,8 +99,9 @@ def noise_floor_px(
 ) -> float | None:
     """Return the root mean square error that the render's noise alone enforces [px].
 
-    Of an edge's channels the best one counts, because their noise is not independent. `None` where
-    fewer than two edges that are seen cross at the corner, or have no contrast at all.
+    The information of the three channels is added up. Their noise is correlated, but with the full
+    covariance of the channels the result is the same to a tenth (measured on scenes of `quick`).
+    `None` where fewer than two edges that are seen cross at the corner, or have no contrast at all.
 
     Parameters
     ----------
@@ -114,7 +115,7 @@ def noise_floor_px(
     for edge, side in edges:
         if side is None:
             continue
-        signal = float((side.contrast**2 / np.maximum(side.variance, 1e-20)).max())
+        signal = float((side.contrast**2 / np.maximum(side.variance, 1e-20)).sum())
         per_px = signal / (2.0 * sqrt(np.pi) * sigma_e)
         normal = np.array([-edge.direction[1], edge.direction[0]])
         length = min(edge.visible_length_px, LONGEST_PX)

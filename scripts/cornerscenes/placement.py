@@ -1,15 +1,15 @@
 """Placing objects about the target until as much of it is seen as is wanted.
 
 Every object gets a number of places of its own, within what its role allows; from each, what it
-hides of the target is cast once. Then combinations of places are drawn until the objects stand
-clear of each other and the visible fraction is in its bounds: the first one that does is taken.
+hides of the target is cast once. Combinations of places that stand clear of each other are drawn;
+the one whose visible fraction comes nearest to its bounds is kept, and its objects are shifted at
+random, by less and less, as long as that brings it nearer.
 """
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -21,10 +21,13 @@ from cornerscenes.streams import stream
 from cornerscenes.tables import RecipeError
 from cornerscenes.target import Target
 
-# Places of each object, positions tried for one of them, and combinations of places.
-PLACES = 24
+# Places of each object and positions tried for one of them; how often all is begun anew, and the
+# combinations drawn and shifts tried each time.
+PLACES = 32
 TRIES = 40
-COMBINATIONS = 20_000
+STARTS = 6
+COMBINATIONS = 200
+SHIFTS = 150
 
 # Cells per side of a face from which a placement's visible fraction is estimated.
 PLACEMENT_CELLS = 24
@@ -35,7 +38,7 @@ CLEARANCE_M = 0.012
 # Bearing from the target [rad] and distance [m] of each role: an occluder stands about the line to
 # the camera, a distractor to one side of it, a bystander anywhere in the room.
 _PLACES = {
-    "occluder": ((-1.3, 1.3), (0.12, 0.36)),
+    "occluder": ((-1.2, 1.2), (0.13, 0.50)),
     "distractor": ((0.9, 1.9), (0.16, 0.40)),
     "bystander": ((-2.2, 2.2), (0.16, 0.70)),
 }
@@ -71,33 +74,84 @@ def place(
     RecipeError
         When no placement meets the bounds.
     """
-    pools = [_places(key, item, target, eye_m, walls_m) for item in built]
     if not built:
         return ()
-    points, weights = _facing_points(target, eye_m, PLACEMENT_CELLS)
-    hidden = [_hidden(pool, eye_m, points if wanted else points[:0]) for pool in pools]
+    ground = _Ground(target, eye_m, walls_m, wanted)
+    # The broadest first: what is narrow still finds a gap.
+    order = sorted(built, key=lambda item: -item.shape.feet_radius_m)
+    pools = [_places(key, item, ground) for item in order]
+    nearest: list[_Spot] = []
+    for start in range(STARTS):
+        generator = stream(key, "combination", start)
+        best = _best_combination(generator, pools, ground)
+        for step in range(SHIFTS if best else 0):
+            if ground.distance(best) == 0.0:
+                return tuple(sorted((s.item for s in best), key=lambda item: item.object_id))
+            shifted = _shifted(generator, best, 0.10 * 0.97**step, ground)
+            if shifted and ground.distance(shifted) < ground.distance(best):
+                best = shifted
+        if best and (not nearest or ground.distance(best) < ground.distance(nearest)):
+            nearest = best
+    if not nearest:
+        raise RecipeError(
+            f"{', '.join(item.builder for item in built)} do not fit about the target in "
+            f"{STARTS * COMBINATIONS} placements; make them smaller or fewer"
+        )
     low, high = wanted or (0.0, 1.0)
-    nearest, found = np.inf, float("nan")
-    generator = stream(key, "combination")
-    for _ in range(COMBINATIONS):
-        choice = [int(index) for index in generator.integers([len(pool) for pool in pools])]
-        chosen = tuple(pool[index] for pool, index in zip(pools, choice, strict=True))
-        if not all(_apart(a, b) for a, b in itertools.combinations(chosen, 2)):
-            continue
-        if wanted is None:
-            return chosen
-        masks = [mask[index] for mask, index in zip(hidden, choice, strict=True)]
-        fraction = float(weights[~np.logical_or.reduce(masks)].sum() / weights.sum())
-        distance = max(low - fraction, fraction - high, 0.0)
-        if distance == 0.0:
-            return chosen
-        if distance < nearest:
-            nearest, found = distance, fraction
     raise RecipeError(
-        f"visible_fraction [{low:.3f}, {high:.3f}] not met by {COMBINATIONS} placements, "
-        + ("objects do not fit" if np.isinf(nearest) else f"nearest {found:.3f}")
-        + "; widen the range or move the family's occluders"
+        f"visible_fraction [{low:.3f}, {high:.3f}] not met by {STARTS * COMBINATIONS} placements "
+        f"and {STARTS * SHIFTS} shifts, nearest {ground.fraction(nearest):.3f}; widen the range or "
+        "move the family's occluders"
     )
+
+
+@dataclass(frozen=True)
+class _Spot:
+    """An object in a place, and which of the target's cells it hides there."""
+
+    item: PlacedObject
+    hides: Bool[np.ndarray, " n"]
+
+
+class _Ground:
+    """What objects are placed about: target, camera, walls, and how much is to be seen."""
+
+    def __init__(
+        self,
+        target: Target,
+        eye_m: Float[np.ndarray, "3"],
+        walls_m: Float[np.ndarray, "2"],
+        wanted: tuple[float, float] | None,
+    ) -> None:
+        self.target, self.eye_m, self.walls_m = target, eye_m, walls_m
+        self._wanted = wanted
+        self._cells_m, self._weights = _facing_points(target, eye_m, PLACEMENT_CELLS)
+        self._occluders: dict[int, Occluder] = {}
+
+    def spot(self, item: PlacedObject) -> _Spot | None:
+        """Return an object in its place, or `None` where it does not stand clear."""
+        if not _fits(item, self.target, self.eye_m, self.walls_m):
+            return None
+        if self._wanted is None:
+            return _Spot(item, np.zeros(len(self._cells_m), dtype=bool))
+        number = item.object_id
+        if number not in self._occluders:
+            self._occluders[number] = Occluder(item.shape.parts)
+        occluder = self._occluders[number]
+        return _Spot(item, occluder.hides(item.world_from_object, self.eye_m, self._cells_m))
+
+    def fraction(self, spots: list[_Spot]) -> float:
+        """Return the visible fraction."""
+        hidden = np.logical_or.reduce([spot.hides for spot in spots])
+        return float(self._weights[~hidden].sum() / self._weights.sum())
+
+    def distance(self, spots: list[_Spot]) -> float:
+        """Return how far the visible fraction is from its bounds; 0 within them."""
+        if self._wanted is None:
+            return 0.0
+        low, high = self._wanted
+        fraction = self.fraction(spots)
+        return max(low - fraction, fraction - high, 0.0)
 
 
 def visible_fraction(
@@ -139,20 +193,15 @@ def _facing_points(
     return np.concatenate(points), np.concatenate(weights)
 
 
-def _places(
-    key: str,
-    item: PlacedObject,
-    target: Target,
-    eye_m: Float[np.ndarray, "3"],
-    walls_m: Float[np.ndarray, "2"],
-) -> list[PlacedObject]:
+def _places(key: str, item: PlacedObject, ground: _Ground) -> list[_Spot]:
     """Return an object in several places, each clear of target, walls and camera."""
-    centre = target.world_from_target[:2, 3]
-    towards_eye = _bearing(eye_m[:2] - centre)
-    towards_room = _bearing(centre - walls_m) if np.isfinite(walls_m).all() else 0.0
+    centre = ground.target.world_from_target[:2, 3]
+    towards_eye = _bearing(ground.eye_m[:2] - centre)
+    in_room = np.isfinite(ground.walls_m).all()
+    towards_room = _bearing(centre - ground.walls_m) if in_room else towards_eye
     bearings, distances = _PLACES[item.role]
     generator = stream(key, item.object_id)
-    found: list[PlacedObject] = []
+    found: list[_Spot] = []
     for _ in range(TRIES * PLACES):
         angle = generator.uniform(*bearings)
         if item.role == "distractor":
@@ -160,9 +209,9 @@ def _places(
         angle += towards_room if item.role == "bystander" else towards_eye
         x, y = centre + generator.uniform(*distances) * np.array([np.cos(angle), np.sin(angle)])
         pose = standing(float(x), float(y), float(generator.uniform(-np.pi, np.pi)))
-        candidate = replace(item, world_from_object=pose)
-        if _fits(candidate, target, eye_m, walls_m):
-            found.append(candidate)
+        spot = ground.spot(replace(item, world_from_object=pose))
+        if spot is not None:
+            found.append(spot)
             if len(found) == PLACES:
                 break
     if not found:
@@ -173,14 +222,45 @@ def _places(
     return found
 
 
-def _hidden(
-    pool: list[PlacedObject], eye_m: Float[np.ndarray, "3"], points: Float[np.ndarray, "n 3"]
-) -> list[Bool[np.ndarray, " n"]]:
-    """Return which points on the target [m] an object hides from each of its places."""
-    if not len(points):
-        return []
-    occluder = Occluder(pool[0].shape.parts)
-    return [occluder.hides(item.world_from_object, eye_m, points) for item in pool]
+def _best_combination(
+    generator: np.random.Generator, pools: list[list[_Spot]], ground: _Ground
+) -> list[_Spot]:
+    """Return the best of some combinations of places, empty where none is clear of itself."""
+    best: list[_Spot] = []
+    for _ in range(COMBINATIONS):
+        drawn = _combination(generator, pools)
+        if drawn and (not best or ground.distance(drawn) < ground.distance(best)):
+            best = drawn
+        if best and ground.distance(best) == 0.0:
+            break
+    return best
+
+
+def _combination(generator: np.random.Generator, pools: list[list[_Spot]]) -> list[_Spot]:
+    """Draw a place of every object, clear of those before it; empty where there is none."""
+    drawn: list[_Spot] = []
+    for pool in pools:
+        free = [spot for spot in pool if all(_apart(spot.item, other.item) for other in drawn)]
+        if not free:
+            return []
+        drawn.append(free[int(generator.integers(len(free)))])
+    return drawn
+
+
+def _shifted(
+    generator: np.random.Generator, spots: list[_Spot], reach_m: float, ground: _Ground
+) -> list[_Spot] | None:
+    """Shift and turn one of the objects; `None` where it does not stand clear then."""
+    index = int(generator.integers(len(spots)))
+    pose = spots[index].item.world_from_object
+    turned = pose @ standing(0.0, 0.0, float(generator.normal(0.0, 4.0 * reach_m)))
+    turned[:2, 3] += generator.normal(0.0, reach_m, 2)
+    item = replace(spots[index].item, world_from_object=turned)
+    others = spots[:index] + spots[index + 1 :]
+    if not all(_apart(item, other.item) for other in others):
+        return None
+    spot = ground.spot(item)
+    return None if spot is None else [*others, spot]
 
 
 def _bearing(direction: Float[np.ndarray, "2"]) -> float:
@@ -207,9 +287,6 @@ def _fits(
 
 def _apart(first: PlacedObject, second: PlacedObject) -> bool:
     """Whether the feet of two objects keep clear of each other."""
-    middles = [
-        transformed(item.world_from_object, item.shape.feet_middle_m[None])[0, :2]
-        for item in (first, second)
-    ]
+    (ax, ay), (bx, by) = first.feet_m, second.feet_m
     reach_m = first.shape.feet_radius_m + second.shape.feet_radius_m
-    return bool(np.linalg.norm(middles[0] - middles[1]) > reach_m + CLEARANCE_M)
+    return (ax - bx) ** 2 + (ay - by) ** 2 > (reach_m + CLEARANCE_M) ** 2

@@ -62,7 +62,7 @@ class RangeSensorRecipe(Table):
 
 
 class PoseRecipe(Table):
-    """Where a camera stands and what it looks at: at a position, or on a sphere about the target."""
+    """Where a camera stands, at a position or about the target, and what it looks at."""
 
     looks: Annotated[
         Literal["down", "at target"],

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -84,6 +85,12 @@ class PlacedObject:
     height_m: float
     shape: Shape
     world_from_object: Float[np.ndarray, "4 4"]
+
+    @cached_property
+    def feet_m(self) -> tuple[float, float]:
+        """Where the middle of its feet is on the floor [m]."""
+        x, y, _ = transformed(self.world_from_object, self.shape.feet_middle_m[None])[0]
+        return float(x), float(y)
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 from jaxtyping import Float
+from scipy import fft
 from scipy.ndimage import gaussian_filter
 
 from cornerscenes.shape import Rgb, Texture
@@ -16,7 +17,7 @@ _CELLS = 1536
 
 
 def planks(generator: np.random.Generator, colour: Rgb) -> Texture:
-    """Boards 12 cm wide: grain along x, a tone per board, dark joints 2 mm wide."""
+    """Make boards 12 cm wide: grain along x, a tone per board, dark joints 2 mm wide."""
     board = _rows() // _cells(0.12)
     tone = generator.uniform(0.82, 1.12, board.max() + 1)[board]
     shade = tone[:, None] * (1.0 + 0.06 * _noise(generator, (0.8, 40.0)))
@@ -29,19 +30,19 @@ def planks(generator: np.random.Generator, colour: Rgb) -> Texture:
 
 
 def plaster(generator: np.random.Generator, colour: Rgb) -> Texture:
-    """Painted plaster: nearly uniform, with faint roller marks."""
+    """Make painted plaster: nearly uniform, with faint roller marks."""
     return _tinted(1.0 + 0.012 * _noise(generator, 9.0), colour)
 
 
 def concrete(generator: np.random.Generator, colour: Rgb) -> Texture:
-    """Cast concrete: clouds, fine grain, a few dark pores."""
+    """Make cast concrete: clouds, fine grain, a few dark pores."""
     shade = 1.0 + 0.08 * _noise(generator, 60.0) + 0.03 * _noise(generator, 1.2)
     pores = gaussian_filter((generator.random((_CELLS, _CELLS)) < 2e-4).astype(float), 1.0)
     return _tinted(shade * (1.0 - np.clip(3.0 * pores, 0.0, 0.5)), colour)
 
 
 def tiles(generator: np.random.Generator, colour: Rgb) -> Texture:
-    """Square tiles of 20 cm with pale joints 4 mm wide, each with a tone of its own."""
+    """Make square tiles of 20 cm with pale joints 4 mm wide, each with a tone of its own."""
     size, joint = _cells(0.20), _cells(0.004)
     index = _rows() // size
     tone = generator.uniform(0.93, 1.05, (index.max() + 1, index.max() + 1))
@@ -52,12 +53,12 @@ def tiles(generator: np.random.Generator, colour: Rgb) -> Texture:
 
 
 def carpet(generator: np.random.Generator, colour: Rgb) -> Texture:
-    """A short pile: fine, lively grain."""
+    """Make a short pile: fine, lively grain."""
     return _tinted(1.0 + 0.16 * _noise(generator, 0.9) + 0.05 * _noise(generator, 25.0), colour)
 
 
 def bricks(generator: np.random.Generator, colour: Rgb) -> Texture:
-    """A running bond of bricks of 25 by 10 cm with pale joints 1 cm wide."""
+    """Make a running bond of bricks of 25 by 10 cm with pale joints 1 cm wide."""
     long, high, joint = _cells(0.25), _cells(0.10), _cells(0.010)
     course = _rows() // high
     along = _rows()[None, :] + (course[:, None] % 2) * (long // 2)
@@ -65,7 +66,7 @@ def bricks(generator: np.random.Generator, colour: Rgb) -> Texture:
     tone = generator.uniform(0.80, 1.15, (course.max() + 1, brick.max() + 1))
     shade = tone[course[:, None], brick] * (1.0 + 0.05 * _noise(generator, 1.5))
     in_joint = (_rows() % high < joint)[:, None] | (along % long < joint)
-    shade[in_joint] = 1.5
+    shade[in_joint] = 1.25
     return _tinted(shade, colour)
 
 
@@ -80,7 +81,7 @@ BACKGROUNDS: dict[str, Callable[[np.random.Generator, Rgb], Texture]] = {
 
 
 def wood(generator: np.random.Generator, colour: Rgb, extent_m: tuple[float, float]) -> Texture:
-    """Stained wood: grain along the first side, 1 cell per 0.5 mm."""
+    """Make stained wood: grain along the first side, 1 cell per 0.5 mm."""
     shape = _face_shape(extent_m)
     grain = gaussian_filter(generator.standard_normal(shape), (1.2, 60.0), mode="wrap")
     rings = np.sin(2.0 * np.pi * (np.arange(shape[0]) / 22.0)[:, None] + 2.5 * grain / grain.std())
@@ -90,7 +91,7 @@ def wood(generator: np.random.Generator, colour: Rgb, extent_m: tuple[float, flo
 def scratches(
     generator: np.random.Generator, colour: Rgb, extent_m: tuple[float, float]
 ) -> Texture:
-    """Paint with some forty bright scratches, 0.5 to 1 mm wide."""
+    """Make paint with some forty bright scratches, 0.5 to 1 mm wide."""
     rows, columns = _face_shape(extent_m)
     y, x = np.mgrid[0:rows, 0:columns]
     bare = np.zeros((rows, columns))
@@ -108,7 +109,7 @@ def scratches(
 def label(
     generator: np.random.Generator, colour: Rgb, extent_m: tuple[float, float]
 ) -> tuple[Texture, Float[np.ndarray, "4 2"]]:
-    """A face with a printed label: a pale rectangle with lines of print and a bar code.
+    """Make a face with a label: a pale rectangle with lines of print and a bar code.
 
     Returns
     -------
@@ -150,8 +151,12 @@ def _cells(length_m: float) -> int:
 def _noise(
     generator: np.random.Generator, sigma: float | tuple[float, float]
 ) -> Float[np.ndarray, "h w"]:
-    """Gaussian noise smoothed to a scale [cells], seamless, of standard deviation 1."""
-    noise = gaussian_filter(generator.standard_normal((_CELLS, _CELLS)), sigma, mode="wrap")
+    """Return noise smoothed by a Gaussian of sigma [cells], seamless, of standard deviation 1."""
+    rows, columns = (sigma, sigma) if isinstance(sigma, float) else sigma
+    spectrum = fft.rfft2(generator.standard_normal((_CELLS, _CELLS)))
+    across = np.exp(-2.0 * (np.pi * rows * fft.fftfreq(_CELLS)) ** 2)
+    along = np.exp(-2.0 * (np.pi * columns * fft.rfftfreq(_CELLS)) ** 2)
+    noise = fft.irfft2(spectrum * across[:, None] * along, s=(_CELLS, _CELLS))
     return noise / noise.std()
 
 

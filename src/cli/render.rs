@@ -144,7 +144,8 @@ impl Drop for Guarded {
     }
 }
 
-fn bar(global: &Global) -> ProgressBar {
+/// A progress bar with the time that is left; hidden where standard error is no terminal.
+pub(super) fn bar(global: &Global) -> ProgressBar {
     if global.quiet {
         return ProgressBar::hidden();
     }
