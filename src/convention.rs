@@ -344,7 +344,7 @@ fn find_step(picture: &Picture<'_>, axis: usize, column: i64, expected: f64) -> 
     }
     let mut step = expected;
     let mut contrast = 0.0;
-    for _ in 0..4 {
+    for turn in 0..4 {
         let from = (step - half).round() as i64;
         let to = (step + half).round() as i64;
         if from < fine[1 - axis][0] || to > fine[1 - axis][1] {
@@ -355,9 +355,13 @@ fn find_step(picture: &Picture<'_>, axis: usize, column: i64, expected: f64) -> 
             let (x, y) = ((x - picture.origin[0]) as usize, (y - picture.origin[1]) as usize);
             [0, 1, 2].map(|c| f64::from(picture.channels[c].at(x, y)))
         };
-        // The two sides, without the cells that the step may touch.
-        let below: Vec<i64> = (from..to).filter(|v| (*v as f64 + 1.0) < step - CLEAR).collect();
-        let above: Vec<i64> = (from..to).filter(|v| *v as f64 > step + CLEAR).collect();
+        // The two sides, without the cells that the step may touch. Where they are flat, their far
+        // ends tell all of them, wherever in the band the step is: a first guess.
+        let guess = picture.is_flat && turn == 0;
+        let is_below = |v: i64| if guess { v == from } else { (v as f64 + 1.0) < step - CLEAR };
+        let is_above = |v: i64| if guess { v == to - 1 } else { v as f64 > step + CLEAR };
+        let below: Vec<i64> = (from..to).filter(|v| is_below(*v)).collect();
+        let above: Vec<i64> = (from..to).filter(|v| is_above(*v)).collect();
         let mean = |cells: &[i64]| -> [f64; 3] {
             let sum = cells
                 .iter()
@@ -387,11 +391,12 @@ fn find_step(picture: &Picture<'_>, axis: usize, column: i64, expected: f64) -> 
         let ramp = |cells: &[i64]| {
             let points: Vec<(f64, f64)> =
                 cells.iter().map(|v| (*v as f64 + 0.5 - expected, level(*v))).collect();
-            fit_ramp(&points)
+            if picture.is_flat { Some((points[0].1, 0.0)) } else { fit_ramp(&points) }
         };
         let ((a0, a1), (b0, b1)) = (ramp(&below)?, ramp(&above)?);
         // The sum needs only the cells around the step; more of them would add noise.
-        let (from, to) = ((step - NARROW).round() as i64, (step + NARROW).round() as i64);
+        let narrow = ((step - NARROW).round() as i64, (step + NARROW).round() as i64);
+        let (from, to) = if guess { (from, to) } else { narrow };
         let total: f64 = (from..to).map(level).sum();
         let integral = |(value, slope): (f64, f64), from: f64, to: f64| {
             value * (to - from) + 0.5 * slope * (to * to - from * from)

@@ -75,7 +75,7 @@ impl Writer for Bop {
         let size_m = description.target.size_m;
         let target_from_model = Translation3::new(0.0, 0.0, 0.5 * size_m[2]);
         let camera_from_model =
-            camera_from_world * description.target.world_from_cuboid * target_from_model;
+            camera_from_world * description.target.world_from_target * target_from_model;
         let object = self.object(size_m);
         let (world_rotation, world_mm) = rotation_and_translation_mm(&camera_from_world);
         let (model_rotation, model_mm) = rotation_and_translation_mm(&camera_from_model);

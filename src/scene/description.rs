@@ -97,6 +97,16 @@ pub enum TargetKind {
     Board,
 }
 
+impl TargetKind {
+    /// The name used in files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Cuboid => "cuboid",
+            Self::Board => "board",
+        }
+    }
+}
+
 fn pose<'de, D: serde::Deserializer<'de>>(deserializer: D) -> Result<Pose, D::Error> {
     let rows = PoseRows::deserialize(deserializer)?;
     pose_from_rows(&rows)

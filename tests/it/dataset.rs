@@ -47,8 +47,13 @@ fn verify(dataset: &Path) -> (Option<i32>, Value) {
 fn rendered_corners_are_where_the_projection_says_to_a_hundredth_of_a_pixel() {
     let (code, found) = verify(plain_dataset());
     assert_eq!(code, Some(0), "{found}");
-    assert!(found["mean"]["length_px"].as_f64().expect("a length") < 0.01, "{found}");
-    assert!(found["mean"]["corners"].as_u64().expect("a count") >= 6, "{found}");
+    for (evidence, length_px, corners) in [("coverage", 0.002, 12), ("radiance", 0.01, 6)] {
+        let found = &found[evidence];
+        assert!(found["mean"]["length_px"].as_f64().expect("a length") < length_px, "{found}");
+        assert!(found["mean"]["corners"].as_u64().expect("a count") >= corners, "{found}");
+    }
+    let spread = found["coverage"]["root_mean_square_px"].as_f64().expect("a number");
+    assert!(spread < 0.005, "{found}");
 }
 
 #[test]
@@ -57,16 +62,66 @@ fn verify_finds_half_a_pixel_with_its_direction() {
     shift_truth(copy.path(), |x, y| [x + 0.5, y]);
     let (code, found) = verify(copy.path());
     assert_eq!(code, Some(1), "{found}");
-    let x = found["mean"]["mean_px"][0].as_f64().expect("a number");
-    assert!((x + 0.5).abs() < 0.02, "{found}");
+    for evidence in ["coverage", "radiance"] {
+        let x = found[evidence]["mean"]["mean_px"][0].as_f64().expect("a number");
+        assert!((x + 0.5).abs() < 0.02, "{evidence}: {found}");
+    }
 }
 
 #[test]
-fn verify_finds_a_fiftieth_of_a_pixel() {
+fn verify_finds_a_three_hundredth_of_a_pixel() {
     let copy = copy_of_plain();
-    shift_truth(copy.path(), |x, y| [x, y - 0.02]);
+    shift_truth(copy.path(), |x, y| [x, y - 0.003]);
     let (code, found) = verify(copy.path());
     assert_eq!(code, Some(1), "{found}");
+    assert_eq!(found["coverage"]["passed"], false, "{found}");
+}
+
+#[test]
+fn verify_finds_a_coverage_that_begins_one_pixel_beside_the_fovea() {
+    let copy = copy_of_plain();
+    let mut scene = json(&copy.path().join("above/scene.json"));
+    let fovea = &mut scene["film"]["fovea_px"];
+    for edge in [0, 2] {
+        fovea[edge] = Value::from(fovea[edge].as_u64().expect("a whole number") + 1);
+    }
+    rewrite(copy.path(), "above", "scene.json", scene.to_string());
+    let (code, found) = verify(copy.path());
+    assert_eq!(code, Some(1), "{found}");
+    assert_eq!(found["coverage"]["passed"], false, "{found}");
+}
+
+#[test]
+fn verify_counts_what_it_cannot_measure() {
+    let copy = copy_of_plain();
+    let mut scene = json(&copy.path().join("above/scene.json"));
+    scene["target"]["bevel_radius_m"] = Value::from(0.001);
+    rewrite(copy.path(), "above", "scene.json", scene.to_string());
+    let mut scene = json(&copy.path().join("oblique/scene.json"));
+    let (code, found) = verify(copy.path());
+    assert_eq!(code, Some(0), "{found}");
+    assert_eq!(found["not_sharp"], 1, "{found}");
+    scene["lens"] = serde_json::json!({ "aperture_radius_m": 0.01, "focus_distance_m": 1.0 });
+    rewrite(copy.path(), "oblique", "scene.json", scene.to_string());
+    assert_eq!(verify(copy.path()).0, Some(2), "nothing is left to be measured");
+}
+
+#[test]
+fn one_split_is_measured_where_one_is_asked_for() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    for (split, scene) in [("dev", "above"), ("test", "oblique")] {
+        let run = folder.path().join(split);
+        let output = measure(plain_dataset(), &run, &["--split", split]);
+        assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+        let records = cornerbench::record::read_records(&run.join("records.parquet"));
+        let records = records.expect("records");
+        assert!(records.iter().all(|record| record.scene == scene), "{split}");
+        assert!(records.iter().all(|record| record.split.as_deref() == Some(split)), "{split}");
+        let arrow = |record: &cornerbench::record::Record| record.junction.as_deref() == Some("arrow");
+        let arrows: Vec<_> = records.into_iter().filter(arrow).collect();
+        assert!(arrows.len() >= 2, "{split}");
+        assert!(arrows.iter().all(|record| record.render_noise_floor_px.is_some()), "{split}");
+    }
 }
 
 #[test]
