@@ -1,212 +1,194 @@
-"""Rendering a suite: reads its recipes, renders what is missing, says what it did."""
+"""Rendering a suite: hands out what is missing, says what becomes of it, loses nothing."""
 
 from __future__ import annotations
 
 import argparse
-import hashlib
-import importlib.metadata
 import json
 import os
 import sys
 import time
-from collections.abc import Callable, Mapping
-from concurrent.futures import ProcessPoolExecutor
-from dataclasses import asdict, dataclass
-from multiprocessing import get_context
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 
-from cornerscenes.dataset import FORMAT, Dataset, DatasetError
-from cornerscenes.library import Library
-from cornerscenes.recipes import Family, SceneRecipe, Suite
-from cornerscenes.tables import RecipeError, read
+from cornerscenes.dataset import Dataset, DatasetError
+from cornerscenes.estimate import Expectation
+from cornerscenes.storage import StorageError, storage_at
+from cornerscenes.tables import RecipeError
+from cornerscenes.tasks import Setting, Task, choose_variant, render_one, selected, tasks_of
+from cornerscenes.workers import Stop, Workers, cores
 
 # Loading a scene leaks in the renderer: a worker renders this many scenes and is replaced.
 SCENES_PER_WORKER = 8
-
-# What computes the content of a scene.
-PACKAGES = ("drjit", "mitsuba", "numpy", "scipy")
-
-Tell = Callable[[Mapping[str, object]], None]
-
-
-@dataclass(frozen=True)
-class Job:
-    """One scene to render, as it is handed to a worker."""
-
-    suite_name: str
-    suite: Suite
-    scene: SceneRecipe
-    family: Family
-    library: Library
-    recipe_sha256: str
-    variant: str
-
 
 HOW_TO_BE_FAST = (
     "rendering with scalar_rgb, the slow variant: no libLLVM found; "
     "on Debian and Ubuntu: apt-get install libllvm19"
 )
 
+# What a run comes to, as exit codes.
+ALL_DONE, SOME_FAILED, NOT_STARTED, INTERRUPTED = 0, 1, 2, 130
+
+Tell = Callable[[Mapping[str, object]], None]
+
 
 def main() -> int:
-    """Render a suite; progress goes to standard output as JSON lines."""
+    """Render a suite; progress goes to standard output as JSON lines.
+
+    The end of standard input is the wish to stop, as are an interrupt and a termination signal.
+    """
     parser = argparse.ArgumentParser(prog="cornerscenes.render", description=main.__doc__)
     parser.add_argument("suite", help="name of a suite")
     parser.add_argument("--recipes", type=Path, required=True, help="folder of suites and families")
-    parser.add_argument("--output", type=Path, required=True, help="folder of the dataset")
+    parser.add_argument("--output", required=True, help="folder or address of the dataset")
+    parser.add_argument("--scenes", metavar="A..B", help="some of the scenes, counted from 0")
+    parser.add_argument("--shard", metavar="I/N", help="every N-th scene, from number I")
+    parser.add_argument("--jobs", type=int, metavar="N", help="worker processes")
+    parser.add_argument("--threads", type=int, metavar="N", help="cores to use; all of them if not")
     parser.add_argument("--variant", help="Mitsuba variant to use instead of the fastest")
     arguments = parser.parse_args()
-    tell = _event_channel()
+    stop = Stop()
+    tell = _event_channel(stop)
+    stop.listen()
     try:
-        return render(arguments.suite, arguments.recipes, arguments.output, arguments.variant, tell)
-    except (RecipeError, DatasetError) as error:
+        return Rendering(arguments, tell, stop).run()
+    except (RecipeError, DatasetError, StorageError) as error:
         tell({"event": "error", "message": str(error)})
-        return 2
+        return NOT_STARTED
 
 
-def render(
-    suite_name: str, recipes: Path, output: Path, wanted_variant: str | None, tell: Tell
-) -> int:
-    """Render the scenes of a suite that are missing or whose recipe changed.
+class Rendering:
+    """One run over a suite.
 
     Parameters
     ----------
-    suite_name : str
-        The suite.
-    recipes : Path
-        Folder of suites and families.
-    output : Path
-        Folder of the dataset.
-    wanted_variant : str or None
-        Mitsuba variant; the fastest of this machine where it is `None`.
+    options : argparse.Namespace
+        The command line's.
     tell : Tell
         Is told what happens, one event after the other.
-
-    Returns
-    -------
-    int
-        0 when every scene is there, 1 when one failed.
+    stop : Stop
+        When it is requested, what is finished is kept and the run ends.
     """
-    suite = read(Suite, recipes / "suites" / f"{suite_name}.toml")
-    scenes = suite.all_scenes(suite_name)
-    names = {scene.family for scene in scenes}
-    library = Library.of(recipes)
-    families = {name: read(Family, recipes / "families" / f"{name}.toml") for name in sorted(names)}
-    dataset = Dataset(output, suite_name)
-    dataset.keep_only([scene.name for scene in scenes])
-    wanted = {
-        scene.name: recipe_hash(suite_name, scene, suite, families[scene.family], library)
-        for scene in scenes
-    }
-    missing = [s for s in scenes if not dataset.is_current(s.name, wanted[s.name], wanted_variant)]
-    tell({"event": "start", "scenes": len(scenes), "missing": len(missing)})
-    if not missing:
-        return 0
-    dataset.forget([scene.name for scene in missing])
-    failed = 0
-    with ProcessPoolExecutor(
-        max_workers=1, mp_context=get_context("spawn"), max_tasks_per_child=SCENES_PER_WORKER
-    ) as pool:
-        variant = pool.submit(_choose_variant, wanted_variant).result()
-        if variant.startswith("scalar") and wanted_variant is None:
-            tell({"event": "slow", "message": HOW_TO_BE_FAST})
-        for scene in missing:
-            tell({"event": "rendering", "scene": scene.name})
-            family = families[scene.family]
-            job = Job(suite_name, suite, scene, family, library, wanted[scene.name], variant)
-            try:
-                done = pool.submit(_render_one, job, Dataset(output, suite_name)).result()
-                tell({"event": "done", "scene": scene.name, **done})
-            except RecipeError as error:
-                failed += 1
-                tell({"event": "failed", "scene": scene.name, "message": str(error)})
-            except Exception as error:  # whatever it is, the other scenes are still to be rendered
-                failed += 1
-                message = f"{type(error).__name__}: {error}"
-                tell({"event": "failed", "scene": scene.name, "message": message})
-    Dataset(output, suite_name).keep_only([scene.name for scene in scenes])
-    return 1 if failed else 0
+
+    def __init__(self, options: argparse.Namespace, tell: Tell, stop: Stop) -> None:
+        self._options = options
+        self._tell = tell
+        self._stop = stop
+        self._suite = tasks_of(options.suite, options.recipes)
+        self._chosen = selected(self._suite, options.scenes, options.shard)
+        self._storage = storage_at(options.output)
+        self._dataset = Dataset(self._storage, options.suite)
+        self._cores = options.threads or cores()
+
+    def run(self) -> int:
+        """Render the chosen scenes that are missing or outdated; return the exit code."""
+        missing = self._missing()
+        if len(self._chosen) == len(self._suite):
+            self._storage.remove_unfinished(None)
+            self._dataset.remove_others([task.name for task in self._suite])
+        else:  # the others may be another process's, which is at work
+            self._storage.remove_unfinished([task.name for task in self._chosen])
+        waiting = {task.name for task in missing}
+        self._publish(waiting, afresh=True)
+        self._tell({"event": "start", "scenes": len(self._chosen), "missing": len(missing)})
+        failed = 0
+        try:
+            if missing and not self._stop.requested:
+                failed = self._render(missing, waiting)
+        finally:
+            self._storage.remove_unfinished(waiting)
+            self._publish(waiting, afresh=True)
+        if self._stop.requested:
+            there = len(self._chosen) - len(waiting)
+            self._tell({"event": "interrupted", "there": there})
+            return INTERRUPTED
+        return SOME_FAILED if failed else ALL_DONE
+
+    def _missing(self) -> list[Task]:
+        """Return the tasks whose scenes are not there as they should be."""
+
+        def is_missing(task: Task) -> bool:
+            wanted = task.recipe_sha256, self._options.variant
+            return not self._stop.requested and not self._dataset.is_current(task.name, *wanted)
+
+        with ThreadPoolExecutor(self._cores) as pool:  # hashes are computed outside Python's lock
+            return [
+                task
+                for task, missing in zip(
+                    self._chosen, pool.map(is_missing, self._chosen), strict=True
+                )
+                if missing
+            ]
+
+    def _render(self, missing: Sequence[Task], waiting: set[str]) -> int:
+        """Render tasks, drop from `waiting` those that are done, return how many failed."""
+        wanted = self._options.variant
+        failed = 0
+        jobs = self._options.jobs or self._cores
+        with Workers(min(jobs, len(missing)), SCENES_PER_WORKER, self._stop) as workers:
+            variants = list(workers.run(choose_variant, [wanted]))
+            if not variants:
+                return 0
+            variant = variants[0].result
+            if variant is None:
+                raise RecipeError(variants[0].problem)
+            if variant.startswith("scalar") and wanted is None:
+                self._tell({"event": "slow", "message": HOW_TO_BE_FAST})
+            threads = max(1, self._cores // jobs)
+            setting = Setting(self._options.output, variant, threads)
+            expectation = Expectation(missing, jobs)
+
+            def started(task: Task) -> None:
+                expectation.begin(task, time.monotonic())
+                self._tell({"event": "rendering", "scene": task.name})
+
+            for outcome in workers.run(partial(render_one, setting=setting), missing, started):
+                task, rendered = outcome.task, outcome.result
+                seconds = None if rendered is None else rendered.seconds
+                expectation.end(task, seconds)
+                event: dict[str, object] = {
+                    "scene": task.name,
+                    "left_s": expectation.left_s(time.monotonic()),
+                }
+                if rendered is None:
+                    failed += 1
+                    self._storage.remove_unfinished([task.name])
+                    problem = {"key": task.key, "message": outcome.problem}
+                    self._tell({"event": "failed", **problem, **event})
+                    continue
+                waiting.discard(task.name)
+                self._publish(waiting)
+                self._tell(
+                    {
+                        "event": "done",
+                        "visible_fraction": rendered.visible_fraction,
+                        "seconds": round(rendered.seconds, 3),
+                        **event,
+                    }
+                )
+        return failed
+
+    def _publish(self, waiting: set[str], afresh: bool = False) -> None:
+        recipes = {task.name: task.recipe_sha256 for task in self._suite}
+        self._dataset.publish(recipes, waiting, afresh)
 
 
-def recipe_hash(
-    suite_name: str, scene: SceneRecipe, suite: Suite, family: Family, library: Library
-) -> str:
-    """Return the hash of all that decides a scene's content: its recipe and its generators."""
-    content = {
-        "format": FORMAT,
-        "suite": suite_name,
-        "scene": asdict(scene),
-        "film": suite.film.model_dump(),
-        "family": family.model_dump(exclude={"summary"}),
-        "library": library.used_by(family).described(),
-        "generators": generators(),
-    }
-    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
-
-
-def generators() -> dict[str, str]:
-    """Return the versions of what makes a scene: packages, and this package's sources.
-
-    Not among the sources is this module, which hands scenes to workers: a change of what it says or
-    of how it recovers renders nothing again.
-    """
-    sources = hashlib.sha256()
-    this_module = Path(__file__)
-    for path in sorted(this_module.parent.rglob("*.py")):
-        if path != this_module:
-            sources.update(path.read_bytes())
-    return {
-        "cornerscenes": sources.hexdigest(),
-        **{name: importlib.metadata.version(name) for name in PACKAGES},
-    }
-
-
-# The next two run in the worker, and import the renderer there: where nothing is missing, it is
-# never loaded.
-
-
-def _choose_variant(wanted: str | None) -> str:
-    from cornerscenes import mitsuba_backend
-
-    return mitsuba_backend.choose_variant(wanted)
-
-
-def _render_one(job: Job, dataset: Dataset) -> dict[str, float]:
-    from cornerscenes import mitsuba_backend, scene_files
-    from cornerscenes.layout import lay_out
-
-    started = time.monotonic()
-    mitsuba_backend.choose_variant(job.variant)
-    scene = lay_out(job.suite_name, job.scene, job.family, job.library)
-    key = f"{job.suite_name}/{job.scene.name}"
-    renderer = {
-        "name": "mitsuba",
-        "version": importlib.metadata.version("mitsuba"),
-        "variant": job.variant,
-    }
-    fraction = dataset.add(
-        job.scene.name,
-        job.recipe_sha256,
-        renderer,
-        lambda folder: scene_files.write(folder, scene, job.suite.film, job.scene, key),
-    )
-    return {
-        "visible_fraction": fraction,
-        "seconds": round(time.monotonic() - started, 3),
-    }
-
-
-def _event_channel() -> Tell:
+def _event_channel(stop: Stop) -> Tell:
     """Return what writes events to standard output, and send all else that is printed to error.
 
-    The renderer's own log goes to standard output; it must not stand between the events.
+    The renderer's own log goes to standard output; it must not stand between the events. When
+    nobody reads them any more, that is the wish to stop.
     """
     channel = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)
 
     def tell(event: Mapping[str, object]) -> None:
-        channel.write(json.dumps(event) + "\n")
-        channel.flush()
+        try:
+            channel.write(json.dumps(event) + "\n")
+            channel.flush()
+        except OSError:
+            stop.request()
 
     return tell
 

@@ -2,93 +2,147 @@
 
 import json
 from pathlib import Path
+from uuid import uuid4
 
 import numpy as np
 import OpenEXR
 import pytest
 
 from cornerscenes import exr
-from cornerscenes.dataset import MANIFEST, Dataset, DatasetError, sha256
+from cornerscenes.dataset import INDEX, Dataset, DatasetError, Renderer, sha256
+from cornerscenes.storage import ENTRY, Storage, storage_at
 
-RENDERER = {"name": "none", "version": "0", "variant": "none"}
+RENDERER = Renderer(name="none", version="0", variant="none")
+
+
+@pytest.fixture(params=["folder", "bucket"])
+def storage(request: pytest.FixtureRequest, tmp_path: Path) -> Storage:
+    return storage_at(f"memory://{uuid4()}" if request.param == "bucket" else str(tmp_path))
 
 
 def write_one(folder: Path) -> None:
     (folder / "a.json").write_text("{}")
 
 
+def add(storage: Storage, *scenes: str, recipe: str = "recipe") -> None:
+    for scene in scenes:
+        Dataset(storage, "s").add(scene, recipe, RENDERER, write_one)
+
+
+def published(storage: Storage, *scenes: str, **options: object) -> list[str]:
+    """Publish an index for these scenes of one recipe and return the names in it."""
+    Dataset(storage, "s").publish(dict.fromkeys(scenes, "recipe"), **options)  # type: ignore[arg-type]
+    return list(json.loads(storage.read([INDEX])[INDEX])["scenes"])
+
+
 def test_a_scene_is_current_only_with_its_recipe_and_all_files(tmp_path: Path):
-    dataset = Dataset(tmp_path, "s")
-    dataset.add("one", "recipe", RENDERER, write_one)
-    again = Dataset(tmp_path, "s")
-    assert again.is_current("one", "recipe", None)
-    assert not again.is_current("one", "another", None)
-    assert not again.is_current("two", "recipe", None)
-    assert again.is_current("one", "recipe", "none")
-    assert not again.is_current("one", "recipe", "llvm_ad_rgb")
+    add(storage_at(str(tmp_path)), "one")
+    dataset = Dataset(storage_at(str(tmp_path)), "s")
+    assert dataset.is_current("one", "recipe", None)
+    assert not dataset.is_current("one", "another", None)
+    assert not dataset.is_current("two", "recipe", None)
+    assert dataset.is_current("one", "recipe", "none")
+    assert not dataset.is_current("one", "recipe", "llvm_ad_rgb")
     (tmp_path / "one" / "a.json").write_text("[]")  # as long as it was
-    assert not again.is_current("one", "recipe", None)
+    assert not dataset.is_current("one", "recipe", None)
 
 
-def test_the_manifest_holds_every_file_s_hash(tmp_path: Path):
-    Dataset(tmp_path, "s").add("one", "recipe", RENDERER, write_one)
-    manifest = json.loads((tmp_path / MANIFEST).read_text())
-    entry = manifest["scenes"]["one"]["files"]["a.json"]
-    assert entry == {"sha256": sha256(tmp_path / "one" / "a.json"), "bytes": 2}
+def test_a_scene_s_own_entry_holds_every_other_file_s_hash_and_is_in_the_index(tmp_path: Path):
+    storage = storage_at(str(tmp_path))
+    add(storage, "one")
+    published(storage, "one")
+    entry = json.loads((tmp_path / "one" / ENTRY).read_text())
+    assert entry["recipe_sha256"] == "recipe"
+    assert entry["files"] == {"a.json": {"sha256": sha256(tmp_path / "one/a.json"), "bytes": 2}}
+    assert json.loads((tmp_path / INDEX).read_text())["scenes"] == {"one": entry}
 
 
-def test_an_interrupted_scene_leaves_no_scene_and_is_cleaned_up(tmp_path: Path):
+def test_an_interrupted_scene_leaves_no_scene(storage: Storage):
     def interrupted(folder: Path) -> None:
         write_one(folder)
         raise KeyboardInterrupt
 
-    dataset = Dataset(tmp_path, "s")
-    dataset.add("one", "recipe", RENDERER, write_one)
+    add(storage, "one")
     with pytest.raises(KeyboardInterrupt):
-        dataset.add("two", "recipe", RENDERER, interrupted)
-    assert not (tmp_path / "two").exists()
-    assert Dataset(tmp_path, "s").is_current("one", "recipe", None)
-    Dataset(tmp_path, "s").add("two", "recipe", RENDERER, write_one)
-    assert sorted(path.name for path in tmp_path.iterdir()) == [MANIFEST, "one", "two"]
+        Dataset(storage, "s").add("two", "recipe", RENDERER, interrupted)
+    assert storage.folders() == {"one"}
+    assert published(storage, "one", "two") == ["one"]
 
 
-def test_scenes_that_the_suite_no_longer_names_go(tmp_path: Path):
-    dataset = Dataset(tmp_path, "s")
-    for name in ("b", "a", "c"):
-        dataset.add(name, "recipe", RENDERER, write_one)
-    dataset.keep_only(["c", "a"])
-    assert list(json.loads((tmp_path / MANIFEST).read_text())["scenes"]) == ["c", "a"]
-    assert not (tmp_path / "b").exists()
+def test_the_index_names_whole_scenes_of_the_recipe_in_the_suite_s_order(storage: Storage):
+    add(storage, "b", "a", "d")
+    add(storage, "c", recipe="older")
+    with storage.new_folder("e") as folder:
+        (folder / ENTRY).write_text("{")
+    assert published(storage, "d", "c", "b", "e", "a") == ["d", "b", "a"]
+    assert published(storage, "d", "c", "b", "a", unfit={"b"}) == ["d", "a"]
 
 
-def test_another_suite_s_dataset_is_neither_taken_nor_overwritten(tmp_path: Path):
-    Dataset(tmp_path, "s").add("one", "recipe", RENDERER, write_one)
+def test_the_index_is_repaired_from_the_entries(storage: Storage):
+    add(storage, "one", "two")
+    published(storage, "one")
+    assert published(storage, "one", "two") == ["one", "two"]
+    storage.remove("one")
+    assert published(storage, "one", "two") == ["two"]
+
+
+def test_a_scene_that_was_rendered_again_is_in_the_index_with_its_new_entry(storage: Storage):
+    add(storage, "one", recipe="older")
+    dataset = Dataset(storage, "s")
+    dataset.publish({"one": "recipe"}, {"one"}, afresh=True)
+    add(storage, "one")
+    dataset.publish({"one": "recipe"})
+    assert list(json.loads(storage.read([INDEX])[INDEX])["scenes"]) == ["one"]
+
+
+def test_two_processes_that_publish_at_once_lose_no_scene(
+    storage: Storage, monkeypatch: pytest.MonkeyPatch
+):
+    add(storage, "one")
+    write = storage.write
+
+    def overtaken(path: str, content: bytes) -> None:
+        monkeypatch.setattr(storage, "write", write)
+        add(storage, "two")
+        assert published(storage, "one", "two") == ["one", "two"]
+        write(path, content)  # older than what has just been written
+
+    monkeypatch.setattr(storage, "write", overtaken)
+    assert published(storage, "one", "two") == ["one", "two"]
+
+
+def test_scenes_that_the_suite_no_longer_names_go_and_other_folders_stay(storage: Storage):
+    add(storage, "a", "b")
+    published(storage, "a", "b")
+    with storage.new_folder("mine") as folder:
+        (folder / "notes").write_text("mine")
+    Dataset(storage, "s").remove_others(["a", "c"])
+    assert storage.folders() == {"a", "mine"}
+
+
+def test_another_suite_s_dataset_is_neither_taken_nor_overwritten(storage: Storage):
+    add(storage, "one")
+    published(storage, "one")
     with pytest.raises(DatasetError, match=r"holds suite 's'.*not 't'"):
-        Dataset(tmp_path, "t")
-    assert Dataset(tmp_path, "s").is_current("one", "recipe", None)
+        Dataset(storage, "t")
+    assert Dataset(storage, "s").is_current("one", "recipe", None)
 
 
 @pytest.mark.parametrize("text", ["{", "[]", '{"format": 1}'])
-def test_a_broken_manifest_is_named(tmp_path: Path, text: str):
-    (tmp_path / MANIFEST).write_text(text)
-    with pytest.raises(DatasetError, match=r"dataset\.json: not a manifest"):
-        Dataset(tmp_path, "s")
+def test_a_broken_index_is_named(tmp_path: Path, text: str):
+    (tmp_path / INDEX).write_text(text)
+    with pytest.raises(DatasetError, match=r"dataset\.json: not a dataset's index"):
+        Dataset(storage_at(str(tmp_path)), "s")
 
 
 def test_names_that_leave_the_folder_are_refused(tmp_path: Path):
-    Dataset(tmp_path, "s").add("one", "recipe", RENDERER, write_one)
-    path = tmp_path / MANIFEST
+    storage = storage_at(str(tmp_path))
+    add(storage, "one")
+    published(storage, "one")
+    path = tmp_path / INDEX
     path.write_text(path.read_text().replace('"one"', '"../one"'))
     with pytest.raises(DatasetError, match=r"\.\./one"):
-        Dataset(tmp_path, "s")
-
-
-def test_a_forgotten_scene_is_not_in_the_manifest(tmp_path: Path):
-    dataset = Dataset(tmp_path, "s")
-    dataset.add("one", "recipe", RENDERER, write_one)
-    dataset.add("two", "recipe", RENDERER, write_one)
-    dataset.forget(["one"])
-    assert list(json.loads((tmp_path / MANIFEST).read_text())["scenes"]) == ["two"]
+        Dataset(storage, "s")
 
 
 def test_planes_read_back_to_the_last_bit(tmp_path: Path):

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use super::render::bar;
+use super::progress::counting;
 use super::{Ended, Global, command_line, default_output, print_line, project};
 use crate::error::Result;
 use crate::export::{Format, Request, export};
@@ -38,8 +38,7 @@ pub(super) fn run(global: &Global, options: &Options) -> Result<Ended> {
         .output
         .clone()
         .unwrap_or_else(|| default_output(dataset.suite()).join(options.format.name()));
-    let bar = bar(global);
-    bar.set_length(dataset.scenes().count() as u64);
+    let bar = counting(global, dataset.scenes().count());
     let exported = export(&dataset, &request, &output, &mut |name, error| {
         bar.inc(1);
         bar.set_message(name.to_owned());

@@ -2,9 +2,11 @@
 
 mod environment;
 mod export;
+mod interrupt;
 mod list;
 mod locate;
 mod measure;
+mod progress;
 mod project;
 mod quickstart;
 mod render;
@@ -21,7 +23,8 @@ use crate::error::{Error, Result};
 
 /// How good is a sub-pixel corner, really, and what does it buy a robot that has to grasp?
 ///
-/// Exit code: 0 all done, 1 some of the work failed or a check did, 2 nothing could be started.
+/// Exit code: 0 all done, 1 some of the work failed or a check did, 2 nothing could be started, 130
+/// interrupted, with all that was finished kept.
 #[derive(Parser)]
 #[command(version, propagate_version = true, max_term_width = 100)]
 struct Arguments {
@@ -40,7 +43,7 @@ pub struct Global {
     /// Print results and errors only.
     #[arg(short, long, global = true)]
     quiet: bool,
-    /// Threads to measure with; all cores where this is not given.
+    /// Threads to measure or to render with; all cores where this is not given.
     #[arg(long, global = true, value_name = "N")]
     threads: Option<usize>,
     /// Folder of suites, families, plans and cameras to use instead of the project's own.
@@ -86,6 +89,8 @@ enum Ended {
     Well,
     /// Some of the work failed, or a check did.
     Partly,
+    /// Interrupted; what was finished is kept.
+    Interrupted,
 }
 
 /// Runs the command line and returns the exit code.
@@ -94,6 +99,7 @@ pub fn main() -> ExitCode {
     match run(&arguments) {
         Ok(Ended::Well) => ExitCode::SUCCESS,
         Ok(Ended::Partly) => ExitCode::from(1),
+        Ok(Ended::Interrupted) => ExitCode::from(interrupt::EXIT_CODE),
         Err(error) => {
             eprintln!("cornerbench: {}", error.chain());
             ExitCode::from(2)

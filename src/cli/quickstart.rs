@@ -1,8 +1,7 @@
 //! `cornerbench quickstart`: from a clone to a first table.
 
 use super::measure::measure;
-use super::render::render;
-use super::{Ended, Global, default_output};
+use super::{Ended, Global, default_output, render};
 use crate::error::Result;
 use crate::scene::Dataset;
 
@@ -15,7 +14,10 @@ pub(super) struct Options {}
 pub(super) fn run(global: &Global, _: &Options) -> Result<Ended> {
     let output = default_output(SUITE);
     let folder = output.join("dataset");
-    let rendered = render(global, SUITE, &folder, None)?;
+    let rendered = render::render(global, &render::Options::whole(SUITE, &folder))?;
+    if rendered == Ended::Interrupted {
+        return Ok(rendered);
+    }
     let measured = measure(global, PLAN, &Dataset::open(&folder)?, None, &output)?;
     Ok(if rendered == Ended::Well { measured } else { rendered })
 }

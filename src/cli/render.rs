@@ -1,27 +1,46 @@
-//! `cornerbench render`: the renderer's process, its progress, its failures.
+//! `cornerbench render`: the renderer's process, what it says, how it ends.
 
 use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 
-use indicatif::{ProgressBar, ProgressStyle};
 use serde::Deserialize;
 
 use super::environment::{Purpose, python};
+use super::interrupt::{self, Asking};
+use super::progress::Progress;
 use super::{Ended, Global, default_output, project};
 use crate::error::{Error, Result};
 use crate::plan::read_table;
 
-#[derive(clap::Args)]
+#[derive(clap::Args, Default)]
 pub(super) struct Options {
     /// The suite; `cornerbench list suites` names them.
     suite: String,
-    /// Where to; out/SUITE/dataset where this is not given.
+    /// Where to: a folder, or an address such as s3://bucket/name; out/SUITE/dataset where this is
+    /// not given.
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
+    /// Worker processes; they share the cores.
+    #[arg(short, long, value_name = "N")]
+    jobs: Option<usize>,
+    /// Only these scenes of the suite: from number A, counted from 0, up to but without number B;
+    /// or one scene's name.
+    #[arg(long, value_name = "A..B")]
+    scenes: Option<String>,
+    /// Only every N-th scene of the suite, from number I, 0 to N - 1: for N machines with one folder.
+    #[arg(long, value_name = "I/N")]
+    shard: Option<String>,
     /// A Mitsuba variant to use instead of the fastest one.
     #[arg(long, value_name = "NAME")]
     variant: Option<String>,
+}
+
+impl Options {
+    /// Those for a whole suite in a folder.
+    pub(super) fn whole(suite: &str, folder: &Path) -> Self {
+        Self { suite: suite.to_owned(), output: Some(folder.to_owned()), ..Self::default() }
+    }
 }
 
 /// What the renderer says, one JSON object a line.
@@ -31,127 +50,206 @@ enum Event {
     Start { scenes: u64, missing: u64 },
     Slow { message: String },
     Rendering { scene: String },
-    Done { scene: String, visible_fraction: f64, seconds: f64 },
-    Failed { scene: String, message: String },
+    Done { scene: String, visible_fraction: f64, seconds: f64, left_s: Option<f64> },
+    Failed { scene: String, key: String, message: String, left_s: Option<f64> },
+    Interrupted { there: u64 },
     Error { message: String },
 }
 
 pub(super) fn run(global: &Global, options: &Options) -> Result<Ended> {
-    let folder =
-        options.output.clone().unwrap_or_else(|| default_output(&options.suite).join("dataset"));
-    let ended = render(global, &options.suite, &folder, options.variant.as_deref())?;
-    global.say(format!("dataset: {}", folder.display()));
+    let place = place(options)?;
+    let ended = render(global, options)?;
+    if ended != Ended::Interrupted {
+        global.say(format!("dataset: {}", place.display()));
+    }
     Ok(ended)
 }
 
-/// Renders what is missing of a suite into `folder`.
-pub(super) fn render(
-    global: &Global,
-    suite: &str,
-    folder: &Path,
-    variant: Option<&str>,
-) -> Result<Ended> {
+/// Where the dataset is: an address as it was given, a folder in full.
+fn place(options: &Options) -> Result<PathBuf> {
+    let default = || default_output(&options.suite).join("dataset");
+    let place = options.output.clone().unwrap_or_else(default);
+    if place.to_string_lossy().contains("://") {
+        return Ok(place);
+    }
+    std::path::absolute(&place).map_err(Error::io(&place, "find"))
+}
+
+/// Renders what is missing.
+pub(super) fn render(global: &Global, options: &Options) -> Result<Ended> {
     let root = project::root()?;
     let recipes = project::recipes(global)?;
-    read_table(&recipes, "suites", suite)?;
-    let program = python(&root, Purpose::Rendering, &|line| global.say(line))?;
-    let folder = std::path::absolute(folder).map_err(Error::io(folder, "find"))?;
-    let mut command = Command::new(program);
-    command
-        .args(["-m", "cornerscenes.render", suite, "--recipes"])
-        .arg(&recipes)
-        .arg("--output")
-        .arg(&folder)
-        .current_dir(root.join("scripts"))
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped());
-    if let Some(variant) = variant {
-        command.args(["--variant", variant]);
+    read_table(&recipes, "suites", &options.suite)?;
+    if let Some(jobs) = options.jobs {
+        crate::registry::in_range("command line", "--jobs", jobs, 1..=1024)?;
     }
-    let failed = |problem: String| Error::Program { program: "the renderer".into(), problem };
-    let child = command.spawn().map_err(|error| failed(format!("cannot start: {error}")))?;
-    let mut child = Guarded(child);
-    let stdout = child.0.stdout.take().ok_or_else(|| failed("has no output".into()))?;
-    let mut stderr = child.0.stderr.take().ok_or_else(|| failed("has no output".into()))?;
-    let complaints = std::thread::spawn(move || {
-        let mut text = Vec::new();
-        // What cannot be read of the complaints is not worth an error of its own.
-        let _ = stderr.read_to_end(&mut text);
-        String::from_utf8_lossy(&text).into_owned()
-    });
+    let program = python(&root, Purpose::Rendering, &|line| global.say(line))?;
+    let arguments = arguments(global, options, &recipes, &place(options)?);
+    let mut command = Command::new(program);
+    command.args(["-m", "cornerscenes.render"]).args(&arguments).current_dir(root.join("scripts"));
+    let renderer = Renderer::start(command)?;
+    follow(global, renderer, options)
+}
 
-    let bar = bar(global);
+/// The renderer's command line.
+fn arguments(global: &Global, options: &Options, recipes: &Path, place: &Path) -> Vec<String> {
+    let mut words = vec![
+        options.suite.clone(),
+        "--recipes".to_owned(),
+        recipes.to_string_lossy().into_owned(),
+        "--output".to_owned(),
+        place.to_string_lossy().into_owned(),
+    ];
+    let mut option = |name: &str, value: Option<String>| {
+        words.extend(value.map(|value| format!("{name}={value}")));
+    };
+    option("--scenes", options.scenes.clone());
+    option("--shard", options.shard.clone());
+    option("--variant", options.variant.clone());
+    option("--jobs", options.jobs.map(|jobs| jobs.to_string()));
+    option("--threads", global.threads.map(|threads| threads.to_string()));
+    words
+}
+
+/// Shows what the renderer says, to its end.
+fn follow(global: &Global, mut renderer: Renderer, options: &Options) -> Result<Ended> {
+    let suite = &options.suite;
+    let mut progress = Progress::new(global);
+    progress.doing("looking at what is there");
     let mut ended = Ended::Well;
-    let mut said_slow = false;
     let mut refused = None;
-    for line in BufReader::new(stdout).lines() {
-        let line = line.map_err(|error| failed(format!("its output broke off: {error}")))?;
-        let event: Event = serde_json::from_str(&line)
-            .map_err(|error| failed(format!("said what is no event ({error}): {line}")))?;
+    let mut chosen = 0;
+    while let Some(event) = renderer.next_event()? {
         match event {
             Event::Start { scenes, missing } => {
-                bar.set_length(missing);
+                chosen = scenes;
                 let there = scenes - missing;
-                global.say(format!("suite {suite}: {there} of {scenes} scenes are rendered"));
+                progress.tell(&format!("suite {suite}: {there} of {scenes} scenes are rendered"));
+                progress.start(scenes, there);
             }
-            Event::Slow { message } if !said_slow => {
-                said_slow = true;
-                bar.suspend(|| global.say(message));
+            Event::Slow { message } => progress.tell(&message),
+            Event::Rendering { scene } => progress.begin(scene),
+            Event::Done { scene, visible_fraction, seconds, left_s } => {
+                progress.end(&scene, left_s);
+                progress.tell_done(&format!(
+                    "rendered {scene} in {seconds:.1} s, {:.0} % of the target seen",
+                    100.0 * visible_fraction
+                ));
             }
-            Event::Slow { .. } => {}
-            Event::Rendering { scene } => bar.set_message(scene),
-            Event::Done { scene, visible_fraction, seconds } => {
-                bar.inc(1);
-                bar.suspend(|| {
-                    global.say(format!(
-                        "rendered {scene} in {seconds:.1} s, {:.0} % of the target seen",
-                        100.0 * visible_fraction
-                    ));
-                });
-            }
-            Event::Failed { scene, message } => {
-                bar.inc(1);
+            Event::Failed { scene, key, message, left_s } => {
+                progress.end(&scene, left_s);
                 ended = Ended::Partly;
-                bar.suspend(|| eprintln!("{scene} failed: {message}"));
+                let alone = again(global, options, Some(&scene));
+                progress.tell_failure(&format!(
+                    "{scene} failed: {message}; its seeds are those of {key:?}; to render it \
+                     alone: {alone}"
+                ));
+            }
+            Event::Interrupted { there } => {
+                ended = Ended::Interrupted;
+                let again = again(global, options, None);
+                progress.tell_failure(&format!(
+                    "interrupted: {there} of {chosen} scenes are rendered and kept; to go on: \
+                     {again}"
+                ));
             }
             Event::Error { message } => refused = Some(message),
         }
     }
-    bar.finish_and_clear();
-    let status =
-        child.0.wait().map_err(|error| failed(format!("cannot be waited for: {error}")))?;
-    let complaints = complaints.join().unwrap_or_default();
-    match (refused, status.code()) {
+    drop(progress);
+    let (code, last) = renderer.end()?;
+    match (refused, code) {
         (Some(message), _) => Err(Error::Other(message)),
-        (None, Some(0)) => Ok(ended),
-        (None, Some(1)) if ended == Ended::Partly => Ok(ended),
-        _ => {
-            let last: Vec<&str> = complaints.lines().rev().take(3).collect();
-            let last: Vec<&str> = last.into_iter().rev().collect();
-            Err(failed(format!("ended with {status}: {}", last.join(" | "))))
+        (None, Some(0 | 1)) => Ok(ended),
+        (None, Some(code)) if code == i32::from(interrupt::EXIT_CODE) => Ok(Ended::Interrupted),
+        (None, code) => {
+            let code = code.map_or("a signal".to_owned(), |code| format!("exit code {code}"));
+            Err(failed(format!("ended with {code}: {last}")))
         }
     }
 }
 
-/// A process that does not outlive its use.
-struct Guarded(Child);
+/// The command that renders the same again, or one scene of it alone.
+fn again(global: &Global, options: &Options, scene: Option<&str>) -> String {
+    let mut words = vec!["cornerbench render".to_owned(), options.suite.clone()];
+    let path = |path: &PathBuf| path.to_string_lossy().into_owned();
+    let mut option = |name: &str, value: Option<String>| {
+        words.extend(value.map(|value| format!("{name} {value}")));
+    };
+    option("-o", options.output.as_ref().map(path));
+    option("--recipes", global.recipes.as_ref().map(path));
+    option("--variant", options.variant.clone());
+    match scene {
+        Some(scene) => option("--scenes", Some(scene.to_owned())),
+        None => {
+            option("--scenes", options.scenes.clone());
+            option("--shard", options.shard.clone());
+            option("--jobs", options.jobs.map(|jobs| jobs.to_string()));
+        }
+    }
+    words.join(" ")
+}
 
-impl Drop for Guarded {
-    fn drop(&mut self) {
-        // Both fail when it has ended already, which is the usual case.
-        let _ = self.0.kill();
-        let _ = self.0.wait();
+fn failed(problem: String) -> Error {
+    Error::Program { program: "the renderer".into(), problem }
+}
+
+/// The renderer's process. An interrupt asks it to stop; it does not outlive this.
+struct Renderer {
+    child: Child,
+    events: std::io::Lines<BufReader<std::process::ChildStdout>>,
+    complaints: Option<std::thread::JoinHandle<String>>,
+    _asking: Asking,
+}
+
+impl Renderer {
+    fn start(mut command: Command) -> Result<Self> {
+        command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        let mut child =
+            command.spawn().map_err(|error| failed(format!("cannot start: {error}")))?;
+        let (Some(input), Some(output), Some(mut errors)) =
+            (child.stdin.take(), child.stdout.take(), child.stderr.take())
+        else {
+            return Err(failed("has no input or output".into()));
+        };
+        let complaints = std::thread::spawn(move || {
+            let mut text = Vec::new();
+            // What cannot be read of the complaints is not worth an error of its own.
+            let _ = errors.read_to_end(&mut text);
+            String::from_utf8_lossy(&text).into_owned()
+        });
+        Ok(Self {
+            child,
+            events: BufReader::new(output).lines(),
+            complaints: Some(complaints),
+            _asking: Asking::through(input)?,
+        })
+    }
+
+    /// What it says next; `None` when it says no more.
+    fn next_event(&mut self) -> Result<Option<Event>> {
+        let Some(line) = self.events.next() else { return Ok(None) };
+        let line = line.map_err(|error| failed(format!("its output broke off: {error}")))?;
+        serde_json::from_str(&line)
+            .map(Some)
+            .map_err(|error| failed(format!("said what is no event ({error}): {line}")))
+    }
+
+    /// Waits for its end; returns its exit code and the last it complained of.
+    fn end(&mut self) -> Result<(Option<i32>, String)> {
+        let status = self.child.wait();
+        let status = status.map_err(|error| failed(format!("cannot be waited for: {error}")))?;
+        let complaints = self.complaints.take().and_then(|thread| thread.join().ok());
+        let complaints = complaints.unwrap_or_default();
+        let lines: Vec<&str> = complaints.lines().collect();
+        Ok((status.code(), lines[lines.len().saturating_sub(3)..].join(" | ")))
     }
 }
 
-/// A progress bar with the time that is left; hidden where standard error is no terminal.
-pub(super) fn bar(global: &Global) -> ProgressBar {
-    if global.quiet {
-        return ProgressBar::hidden();
+impl Drop for Renderer {
+    fn drop(&mut self) {
+        // Both fail when it has ended already, which is the usual case.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
     }
-    let style = ProgressStyle::with_template("{bar:30} {pos}/{len} {msg} {elapsed} (left: {eta})");
-    let bar = ProgressBar::new(0);
-    bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
-    bar.enable_steady_tick(std::time::Duration::from_millis(200));
-    bar
 }

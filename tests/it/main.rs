@@ -11,5 +11,6 @@ mod layers;
 mod opencv;
 mod oracle;
 mod python;
+mod rendering;
 mod setup;
 mod support;

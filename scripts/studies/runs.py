@@ -1,0 +1,49 @@
+"""Whole rendering runs as processes, for the tests and studies that stop them."""
+
+from __future__ import annotations
+
+import hashlib
+import subprocess
+import sys
+from pathlib import Path
+
+SCRIPTS = Path(__file__).parents[1]
+RECIPES = SCRIPTS.parent / "tests" / "recipes"
+
+
+def start(suite: str, output: Path | str, *options: str) -> subprocess.Popen[str]:
+    """Start to render a suite of the tests, in a process group of its own.
+
+    Its standard output says what happens; it stops when its standard input is closed.
+    """
+    command = [sys.executable, "-m", "cornerscenes.render", suite, "--recipes", str(RECIPES)]
+    return subprocess.Popen(
+        [*command, "--output", str(output), *options],
+        cwd=SCRIPTS,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+        start_new_session=True,
+    )
+
+
+def render(suite: str, output: Path | str, *options: str) -> None:
+    """Render a suite of the tests to its end."""
+    with start(suite, output, *options) as run:
+        assert run.stdout is not None
+        events = run.stdout.read()  # until its end; its input stays open as long
+    if run.returncode != 0:
+        raise RuntimeError(f"rendering {suite} ended with {run.returncode}: {events}")
+
+
+def contents(folder: Path) -> dict[str, str]:
+    """Return the SHA-256 of every file of a dataset, hidden ones and what is unfinished included.
+
+    Left out is the log of what rendering cost, which is no part of a dataset.
+    """
+    return {
+        str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file() and path.name != ".costs.jsonl"
+    }
