@@ -29,6 +29,8 @@ pub enum Evidence<'a> {
 
 /// Film cells next to a step that are not taken for one of its sides.
 const CLEAR: f64 = 2.0;
+/// How much of a film cell a third region may fill at a step.
+const MIXED: f64 = 0.01;
 /// Film cells to either side of a step over which the partial area is summed.
 const NARROW: f64 = 4.0;
 /// Depth by which the background must lie behind a silhouette \[m\]: nearer surfaces touch the
@@ -54,6 +56,8 @@ struct Picture<'a> {
     shortest_px: f64,
     /// Film columns that an edge must be found in.
     fewest_steps: usize,
+    /// Sine of the angle at which two edges must at least meet for a corner.
+    least_sine: f64,
 }
 
 impl<'a> Picture<'a> {
@@ -74,6 +78,7 @@ impl<'a> Picture<'a> {
                 half_band_px: (NARROW + 2.0) / scale,
                 shortest_px: 4.0,
                 fewest_steps: 12,
+                least_sine: 0.05,
             },
             Evidence::Radiance => Self {
                 channels: &scene.film.radiance,
@@ -85,6 +90,7 @@ impl<'a> Picture<'a> {
                 half_band_px: 3.0,
                 shortest_px: 16.0,
                 fewest_steps: 24,
+                least_sine: 0.3,
             },
         }
     }
@@ -161,11 +167,13 @@ pub fn corner_offsets(scene: &Scene, evidence: Evidence<'_>) -> Vec<CornerOffset
                 .iter()
                 .filter_map(|at| edge_line(scene, &picture, &truth.edges[at.edge], corner.index))
                 .collect();
-            intersect(&lines).map(|(offset_px, standard_error_px)| CornerOffset {
-                corner: corner.index,
-                image_point_px: corner.image_point_px,
-                offset_px,
-                standard_error_px,
+            intersect(&lines, picture.least_sine).map(|(offset_px, standard_error_px)| {
+                CornerOffset {
+                    corner: corner.index,
+                    image_point_px: corner.image_point_px,
+                    offset_px,
+                    standard_error_px,
+                }
             })
         })
         .collect()
@@ -188,7 +196,7 @@ struct EdgeLine {
 }
 
 /// Least-squares intersection of displaced lines: the offset and its standard errors.
-fn intersect(lines: &[EdgeLine]) -> Option<([f64; 2], [f64; 2])> {
+fn intersect(lines: &[EdgeLine], least_sine: f64) -> Option<([f64; 2], [f64; 2])> {
     let mut information = Matrix2::zeros();
     let mut right = Vector2::zeros();
     for line in lines {
@@ -196,7 +204,8 @@ fn intersect(lines: &[EdgeLine]) -> Option<([f64; 2], [f64; 2])> {
         right += line.normal * line.displacement_px / line.variance_px2;
     }
     let sine = |a: &EdgeLine, b: &EdgeLine| a.normal.perp(&b.normal).abs();
-    let cross = lines.iter().enumerate().any(|(i, a)| lines[..i].iter().any(|b| sine(a, b) > 0.3));
+    let cross =
+        lines.iter().enumerate().any(|(i, a)| lines[..i].iter().any(|b| sine(a, b) > least_sine));
     let covariance = information.try_inverse().filter(|_| cross)?;
     let offset = covariance * right;
     Some((
@@ -369,6 +378,7 @@ fn find_step(picture: &Picture<'_>, axis: usize, column: i64, expected: f64) -> 
                 .fold([0.0; 3], |a, b| [a[0] + b[0], a[1] + b[1], a[2] + b[2]]);
             sum.map(|value| value / cells.len() as f64)
         };
+        #[allow(clippy::float_cmp, reason = "what one region fills is filled alike, to the bit")]
         let is_one = |cells: &[i64]| cells.iter().all(|v| cell(*v) == cell(cells[0]));
         if below.is_empty() || above.is_empty() {
             return None;
@@ -381,6 +391,14 @@ fn find_step(picture: &Picture<'_>, axis: usize, column: i64, expected: f64) -> 
         let square: f64 = difference.iter().map(|d| d * d).sum();
         contrast = square.sqrt();
         if contrast < 0.02 {
+            return None;
+        }
+        // A face that is seen nearly edge-on is a sliver along the edge: the step is two.
+        let is_mixed = |v: i64| {
+            let (colour, share) = (cell(v), level_share(cell(v), mean_below, difference));
+            (0..3).any(|c| (colour[c] - mean_below[c] - share * difference[c]).abs() > MIXED)
+        };
+        if picture.is_flat && (from..to).any(is_mixed) {
             return None;
         }
         // The colour along the difference of the sides, and its linear ramp on each.
@@ -417,6 +435,12 @@ fn find_step(picture: &Picture<'_>, axis: usize, column: i64, expected: f64) -> 
         step = expected + t;
     }
     Some((step, contrast))
+}
+
+/// How far `colour` is from `start` along `difference`, as a share of it.
+fn level_share(colour: [f64; 3], start: [f64; 3], difference: [f64; 3]) -> f64 {
+    let along: f64 = (0..3).map(|c| (colour[c] - start[c]) * difference[c]).sum();
+    along / difference.iter().map(|d| d * d).sum::<f64>()
 }
 
 /// Least-squares line through (x, y): value at 0 and slope.
@@ -458,4 +482,53 @@ fn fit_line(steps: &[Step], fewest: usize) -> Option<(f64, f64)> {
         mean(&|step| (step.displacement_px - at_corner - slope * step.distance_px).powi(2));
     let variance = scatter / (kept.len() as f64 - 2.0) * (1.0 + mean_s * mean_s / sss);
     Some((at_corner, variance.max(1e-12)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The step that is found in a column in which one region ends at film coordinate `end` and
+    /// another one goes on for `sliver` cells.
+    #[allow(
+        clippy::cast_possible_truncation,
+        clippy::cast_precision_loss,
+        reason = "small numbers"
+    )]
+    fn step_found(end: f64, sliver: f64) -> Option<f64> {
+        let filled = |y: usize, to: f64| (to - y as f64).clamp(0.0, 1.0);
+        let plane = |share: &dyn Fn(usize) -> f64| Plane::from_fn(4, 24, |_, y| share(y) as f32);
+        let channels = [
+            plane(&|y| filled(y, end)),
+            plane(&|y| filled(y, end + sliver) - filled(y, end)),
+            plane(&|_| 0.0),
+        ];
+        let picture = Picture {
+            channels: &channels,
+            fine: [[0, 4], [0, 24]],
+            origin: [0, 0],
+            scale: 4.0,
+            is_flat: true,
+            end_margin_px: 0.5,
+            half_band_px: 1.5,
+            shortest_px: 4.0,
+            fewest_steps: 12,
+            least_sine: 0.05,
+        };
+        find_step(&picture, 0, 1, 12.0).map(|(step, _)| step)
+    }
+
+    #[test]
+    fn a_step_in_the_coverage_is_found_exactly() {
+        for end in [11.3, 12.0, 12.7, 13.25] {
+            let found = step_found(end, 0.0).expect("a step");
+            assert!((found - end).abs() < 1e-6, "{found} in place of {end}");
+        }
+    }
+
+    #[test]
+    fn a_sliver_of_a_third_region_is_no_step() {
+        assert_eq!(step_found(12.3, 0.4), None);
+        assert_eq!(step_found(12.0, 0.05), None);
+    }
 }

@@ -10,7 +10,7 @@ use crate::convention::{
     CornerOffset, Evidence, MeanOffset, corner_offsets, is_sharp, mean_offset, root_mean_square_px,
 };
 use crate::error::{Error, Result};
-use crate::scene::{Dataset, Scene};
+use crate::scene::{Dataset, Scene, TrueCorner, Visibility};
 
 /// What passes of one kind of evidence.
 struct Limits {
@@ -29,8 +29,8 @@ const COVERAGE: Limits =
 const RADIANCE: Limits =
     Limits { name: "radiance", mean_px: 0.01, root_mean_square_px: None, far_px: 0.02 };
 
-/// Sub-pixel phases are counted on a grid of so many cells per pixel and direction.
-const PHASES: f64 = 16.0;
+/// Sub-pixel phases are told apart on a grid of so many cells per pixel and direction.
+const PHASES: f64 = 32.0;
 
 #[derive(clap::Args)]
 pub(super) struct Options {
@@ -42,13 +42,14 @@ pub(super) struct Options {
 pub(super) fn run(global: &Global, options: &Options) -> Result<Ended> {
     let dataset = Dataset::open(&options.dataset)?;
     let (mut in_coverage, mut in_radiance) = (Vec::new(), Vec::new());
-    let (mut unreadable, mut not_sharp) = (Vec::new(), 0);
+    let (mut unreadable, mut not_sharp, mut visible) = (Vec::new(), 0, 0);
     for name in dataset.scenes() {
         match measure(&dataset, name) {
             Ok(None) => not_sharp += 1,
-            Ok(Some([coverage, radiance])) => {
-                in_coverage.extend(coverage.into_iter().map(|offset| (name, offset)));
-                in_radiance.extend(radiance.into_iter().map(|offset| (name, offset)));
+            Ok(Some(measured)) => {
+                visible += measured.visible;
+                in_coverage.extend(measured.in_coverage.into_iter().map(|offset| (name, offset)));
+                in_radiance.extend(measured.in_radiance.into_iter().map(|offset| (name, offset)));
             }
             Err(error) => {
                 eprintln!("{name} skipped: {}", error.chain());
@@ -59,8 +60,8 @@ pub(super) fn run(global: &Global, options: &Options) -> Result<Ended> {
     let found = [Found::of(&COVERAGE, &in_coverage), Found::of(&RADIANCE, &in_radiance)];
     let [Some(coverage), radiance] = found else {
         return Err(Error::Other(format!(
-            "{}: {} sharp corners that are seen, at least 2 are needed to measure the offset; \
-             render a suite with family bare",
+            "{}: {} of {visible} visible sharp corners can be measured, at least 2 are needed to \
+             tell the offset; render suite bare",
             options.dataset.display(),
             in_coverage.len()
         )));
@@ -71,14 +72,15 @@ pub(super) fn run(global: &Global, options: &Options) -> Result<Ended> {
         print_line(json!({
             "coverage": coverage.json(&in_coverage),
             "radiance": radiance.map(|found| found.json(&in_radiance)),
+            "visible": visible,
             "not_sharp": not_sharp,
             "unreadable": unreadable,
             "passed": passed,
         }))?;
     } else {
-        print_line(coverage.sentence())?;
+        print_line(coverage.sentence(visible))?;
         match radiance {
-            Some(found) => print_line(found.sentence())?,
+            Some(found) => print_line(found.sentence(visible))?,
             None => print_line("radiance: fewer than 2 corners are clean enough to be measured")?,
         }
         print_line(format_args!(
@@ -91,17 +93,29 @@ pub(super) fn run(global: &Global, options: &Options) -> Result<Ended> {
     Ok(if passed { Ended::Well } else { Ended::Partly })
 }
 
-/// The offsets of a scene's corners in coverage and radiance; `None` where its edges are not sharp.
-fn measure(dataset: &Dataset, name: &str) -> Result<Option<[Vec<CornerOffset>; 2]>> {
+/// What was measured of a scene.
+struct Measured {
+    /// Corners that are visible, measured or not.
+    visible: usize,
+    in_coverage: Vec<CornerOffset>,
+    in_radiance: Vec<CornerOffset>,
+}
+
+/// The offsets of a scene's corners; `None` where its edges are not sharp.
+fn measure(dataset: &Dataset, name: &str) -> Result<Option<Measured>> {
     let scene: Scene = dataset.read(name)?;
     let coverage = dataset.read_coverage(&scene)?;
     if !is_sharp(&scene) {
         return Ok(None);
     }
-    let in_coverage = coverage
-        .map(|coverage| corner_offsets(&scene, Evidence::Coverage(&coverage)))
-        .unwrap_or_default();
-    Ok(Some([in_coverage, corner_offsets(&scene, Evidence::Radiance)]))
+    let is_visible = |corner: &&TrueCorner| corner.visibility == Visibility::Visible;
+    Ok(Some(Measured {
+        visible: scene.truth.corners.iter().filter(is_visible).count(),
+        in_coverage: coverage
+            .map(|coverage| corner_offsets(&scene, Evidence::Coverage(&coverage)))
+            .unwrap_or_default(),
+        in_radiance: corner_offsets(&scene, Evidence::Radiance),
+    }))
 }
 
 /// What was found in one kind of evidence.
@@ -124,7 +138,7 @@ impl Found {
             .filter(|(_, offset)| limits.is_far(offset))
             .map(|(scene, offset)| format!("{scene} corner {}", offset.corner))
             .collect();
-        #[allow(clippy::cast_possible_truncation, reason = "in 0..16")]
+        #[allow(clippy::cast_possible_truncation, reason = "in 0..32")]
         let phase = |value: f64| ((value - value.floor()) * PHASES) as i64;
         let phases: BTreeSet<[i64; 2]> = all
             .iter()
@@ -136,7 +150,7 @@ impl Found {
         Some(Self { limits, mean, root_mean_square_px, phases: phases.len(), far, passed })
     }
 
-    fn sentence(&self) -> String {
+    fn sentence(&self, visible: usize) -> String {
         let ([x, y], [x_error, y_error]) = (self.mean.mean_px, self.mean.standard_error_px);
         let most = self.limits.root_mean_square_px.map(|most| format!(" (at most {most})"));
         let far = if self.far.is_empty() {
@@ -145,7 +159,7 @@ impl Found {
             format!("far off: {}", self.far.join(", "))
         };
         format!(
-            "{}: {} corners at {} sub-pixel phases of 256, mean offset ({x:+.5}, {y:+.5}) px +- \
+            "{}: {} of {visible} visible corners, {} different sub-pixel phases, mean offset ({x:+.5}, {y:+.5}) px +- \
              ({x_error:.5}, {y_error:.5}), length {:.5} px (at most {}), RMS {:.5} px{}, {far}: {}",
             self.limits.name,
             self.mean.corners,
