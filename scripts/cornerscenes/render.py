@@ -7,13 +7,24 @@ import json
 import os
 import sys
 import time
+from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 
 from cornerscenes.dataset import Dataset, DatasetError
-from cornerscenes.estimate import Expectation
+from cornerscenes.estimate import (
+    Cost,
+    CostLog,
+    Expectation,
+    estimate,
+    in_time,
+    kind_of,
+    probe,
+    to_probe,
+)
 from cornerscenes.recipes import RecipeError
 from cornerscenes.storage import StorageError, storage_at
 from cornerscenes.tasks import Setting, Task, choose_variant, render_one, selected, tasks_of
@@ -46,6 +57,7 @@ def main() -> int:
     parser.add_argument("--shard", metavar="I/N", help="every N-th scene, from number I")
     parser.add_argument("--jobs", type=int, metavar="N", help="worker processes")
     parser.add_argument("--threads", type=int, metavar="N", help="cores to use; all of them if not")
+    parser.add_argument("--estimate", action="store_true", help="say time and size, and end")
     parser.add_argument("--variant", help="Mitsuba variant to use instead of the fastest")
     arguments = parser.parse_args()
     stop = Stop()
@@ -79,11 +91,14 @@ class Rendering:
         self._chosen = selected(self._suite, options.scenes, options.shard)
         self._storage = storage_at(options.output)
         self._dataset = Dataset(self._storage, options.suite)
+        self._log = CostLog(self._storage)
         self._cores = options.threads or cores()
 
     def run(self) -> int:
         """Render the chosen scenes that are missing or outdated; return the exit code."""
         missing = self._missing()
+        if self._options.estimate:
+            return self._estimate(missing)
         if len(self._chosen) == len(self._suite):
             self._storage.remove_unfinished(None)
             self._dataset.remove_others([task.name for task in self._suite])
@@ -100,9 +115,7 @@ class Rendering:
             self._storage.remove_unfinished(waiting)
             self._publish(waiting, afresh=True)
         if self._stop.requested:
-            there = len(self._chosen) - len(waiting)
-            self._tell({"event": "interrupted", "there": there})
-            return INTERRUPTED
+            return self._interrupted(len(waiting))
         return SOME_FAILED if failed else ALL_DONE
 
     def _missing(self) -> list[Task]:
@@ -113,65 +126,121 @@ class Rendering:
             return not self._stop.requested and not self._dataset.is_current(task.name, *wanted)
 
         with ThreadPoolExecutor(self._cores) as pool:  # hashes are computed outside Python's lock
-            return [
-                task
-                for task, missing in zip(
-                    self._chosen, pool.map(is_missing, self._chosen), strict=True
-                )
-                if missing
-            ]
+            are_missing = pool.map(is_missing, self._chosen)
+            return [task for task, it_is in zip(self._chosen, are_missing, strict=True) if it_is]
 
     def _render(self, missing: Sequence[Task], waiting: set[str]) -> int:
         """Render tasks, drop from `waiting` those that are done, return how many failed."""
-        wanted = self._options.variant
         failed = 0
-        jobs = self._options.jobs or self._cores
-        with Workers(min(jobs, len(missing)), SCENES_PER_WORKER, self._stop) as workers:
-            variants = list(workers.run(choose_variant, [wanted]))
-            if not variants:
+        with Workers(SCENES_PER_WORKER, self._stop) as workers:
+            setting = self._begin(workers, len(missing))
+            if setting is None:
                 return 0
-            variant = variants[0].result
-            if variant is None:
-                raise RecipeError(variants[0].problem)
-            if variant.startswith("scalar") and wanted is None:
-                self._tell({"event": "slow", "message": HOW_TO_BE_FAST})
-            threads = max(1, self._cores // jobs)
-            setting = Setting(self._options.output, variant, threads)
-            expectation = Expectation(missing, jobs)
+            expectation = Expectation(missing, workers.count)
 
             def started(task: Task) -> None:
                 expectation.begin(task, time.monotonic())
-                self._tell({"event": "rendering", "scene": task.name})
+                self._tell_rendering(task)
 
             for outcome in workers.run(partial(render_one, setting=setting), missing, started):
                 task, rendered = outcome.task, outcome.result
-                seconds = None if rendered is None else rendered.seconds
-                expectation.end(task, seconds)
-                event: dict[str, object] = {
-                    "scene": task.name,
-                    "left_s": expectation.left_s(time.monotonic()),
-                }
+                expectation.end(task, None if rendered is None else rendered.seconds)
+                left = {"left_s": expectation.left_s(time.monotonic())}
                 if rendered is None:
                     failed += 1
                     self._storage.remove_unfinished([task.name])
-                    problem = {"key": task.key, "message": outcome.problem}
-                    self._tell({"event": "failed", **problem, **event})
+                    self._tell_failed(task, outcome.problem, left)
                     continue
                 waiting.discard(task.name)
                 self._publish(waiting)
+                cost = Cost(core_seconds=rendered.core_seconds, bytes=rendered.bytes)
+                self._log.note(task, setting.variant, cost)
                 self._tell(
                     {
                         "event": "done",
+                        "scene": task.name,
                         "visible_fraction": rendered.visible_fraction,
                         "seconds": round(rendered.seconds, 3),
-                        **event,
+                        **left,
                     }
                 )
         return failed
 
+    def _estimate(self, missing: Sequence[Task]) -> int:
+        """Say what rendering would take; return the exit code."""
+        self._tell({"event": "start", "scenes": len(self._chosen), "missing": len(missing)})
+        if self._stop.requested:
+            return self._interrupted(len(missing))
+        with Workers(SCENES_PER_WORKER, self._stop) as workers:
+            setting = self._begin(workers, len(missing)) if missing else None
+            rendered = self._log.costs(setting.variant) if setting else {}
+            probes = to_probe(missing, rendered)
+            probed: defaultdict[str, list[Cost]] = defaultdict(list)
+            failed = 0
+            if setting and probes:
+                self._tell({"event": "probing", "scenes": len({kind_of(task) for task in probes})})
+                work = partial(probe, variant=setting.variant, threads=setting.threads)
+                for outcome in workers.run(work, in_time(probes), self._tell_rendering):
+                    if outcome.result is None:
+                        failed += 1
+                        self._tell_failed(outcome.task, outcome.problem, {"left_s": None})
+                        continue
+                    probed[kind_of(outcome.task)].append(outcome.result)
+                    self._tell({"event": "probed", "scene": outcome.task.name})
+            if self._stop.requested:
+                return self._interrupted(len(missing))
+            if missing and not rendered and not probed:
+                return SOME_FAILED
+            families, core_seconds, size_bytes = estimate(missing, rendered, probed)
+            threads = setting.threads if setting else 1
+        self._tell(
+            {
+                "event": "estimate",
+                "missing": len(missing),
+                "variant": setting.variant if setting else None,
+                "workers": workers.count,
+                "threads_per_worker": threads,
+                "seconds": asdict(core_seconds.divided_by(threads * workers.count)),
+                "bytes": asdict(size_bytes),
+                "free_bytes": self._storage.free_bytes(),
+                "families": [
+                    {**asdict(family), "seconds": family.core_seconds / threads}
+                    for family in families
+                ],
+            }
+        )
+        return SOME_FAILED if failed else ALL_DONE
+
+    def _begin(self, workers: Workers, tasks: int) -> Setting | None:
+        """Choose variant, workers and threads for so many tasks; `None` where it was stopped."""
+        outcomes = list(workers.run(choose_variant, [self._options.variant]))
+        if not outcomes:
+            return None
+        variant, problem = outcomes[0].result, outcomes[0].problem
+        if variant is None:
+            raise RecipeError(f"the renderer does not start: {problem}")
+        if variant.startswith("scalar") and self._options.variant is None:
+            self._tell({"event": "slow", "message": HOW_TO_BE_FAST})
+        # One thread each is fastest: what is done once a scene runs on one anyway. On a GPU, all
+        # workers would share its memory.
+        jobs = self._options.jobs or (1 if variant.startswith("cuda") else self._cores)
+        workers.count = min(jobs, tasks)
+        return Setting(self._options.output, variant, max(1, self._cores // workers.count))
+
     def _publish(self, waiting: set[str], afresh: bool = False) -> None:
         recipes = {task.name: task.recipe_sha256 for task in self._suite}
         self._dataset.publish(recipes, waiting, afresh)
+
+    def _interrupted(self, missing: int) -> int:
+        self._tell({"event": "interrupted", "there": len(self._chosen) - missing})
+        return INTERRUPTED
+
+    def _tell_rendering(self, task: Task) -> None:
+        self._tell({"event": "rendering", "scene": task.name})
+
+    def _tell_failed(self, task: Task, problem: str | None, left: Mapping[str, object]) -> None:
+        what = {"scene": task.name, "key": task.key, "message": problem}
+        self._tell({"event": "failed", **what, **left})
 
 
 def _event_channel(stop: Stop) -> Tell:

@@ -63,6 +63,10 @@ class Storage(Protocol):
         """Remove what an interruption left of these; of everything where it is `None`."""
         ...
 
+    def free_bytes(self) -> int | None:
+        """Return how much more there is room for; `None` where nobody knows."""
+        ...
+
 
 def storage_at(address: str) -> Storage:
     """Return the storage at a path or an address.
@@ -154,6 +158,11 @@ class Folder:
                 else:
                     found.unlink(missing_ok=True)
 
+    def free_bytes(self) -> int | None:
+        """Return the free space of the file system."""
+        there = (folder for folder in (self.path, *self.path.parents) if folder.is_dir())
+        return shutil.disk_usage(next(there)).free
+
     def _hidden(self, name: str) -> Path:
         prefix = f"{TEMPORARY}{name}{TEMPORARY_END}"
         folder = Path(tempfile.mkdtemp(prefix=prefix, dir=self.path))
@@ -239,6 +248,10 @@ class Bucket:
 
     def remove_unfinished(self, names: Iterable[str] | None) -> None:
         """Do nothing: what has no entry is replaced when it is rendered."""
+
+    def free_bytes(self) -> int | None:
+        """Return `None`: nobody knows."""
+        return None
 
 
 def write_whole(path: Path, content: bytes) -> None:

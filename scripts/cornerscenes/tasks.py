@@ -80,10 +80,21 @@ class Setting:
 
 @dataclass(frozen=True)
 class Rendered:
-    """What became of a task: target's visible fraction, time [s], size of the files [bytes]."""
+    """What became of a task.
+
+    Attributes
+    ----------
+    visible_fraction : float
+        Share of the target that no object hides.
+    seconds, core_seconds : float
+        How long it took, and what that was of one core's time.
+    bytes : int
+        Size of its files.
+    """
 
     visible_fraction: float
     seconds: float
+    core_seconds: float
     bytes: int
 
 
@@ -182,8 +193,8 @@ def _bounds(tasks: Sequence[Task], scenes: str) -> tuple[int, int]:
     )
 
 
-# The next two run in a worker, and import the renderer there: where nothing is missing, it is never
-# loaded.
+# What follows runs in a worker, and imports the renderer there: where nothing is missing, it is
+# never loaded.
 
 
 def choose_variant(wanted: str | None) -> str:
@@ -193,17 +204,59 @@ def choose_variant(wanted: str | None) -> str:
     return mitsuba_backend.choose_variant(wanted)
 
 
-def render_one(task: Task, setting: Setting) -> Rendered:
-    """Render one scene into its dataset."""
+class Stopwatch:
+    """Measures a time, and what this process used of the machine meanwhile.
+
+    Parameters
+    ----------
+    variant : str
+        The renderer's variant.
+    threads : int
+        The renderer's threads.
+    """
+
+    def __init__(self, variant: str, threads: int) -> None:
+        self._on_gpu = variant.startswith("cuda")
+        self._threads = threads
+        self._began_s = time.monotonic(), time.process_time()
+
+    def seconds(self) -> float:
+        """Return the time since it began [s]."""
+        return time.monotonic() - self._began_s[0]
+
+    def core_seconds(self) -> float:
+        """Return the time of one core that was used [s].
+
+        It does not count what other programs took, where these can be told apart: on a processor.
+        """
+        if self._on_gpu:
+            return self._threads * self.seconds()
+        return time.process_time() - self._began_s[1]
+
+
+def prepare(variant: str) -> None:
+    """Load the renderer, so that it does not count as time of a scene."""
+    from cornerscenes import layout, mitsuba_backend, scene_files  # noqa: F401
+
+    mitsuba_backend.choose_variant(variant)
+
+
+def write_scene(task: Task, folder: Path, threads: int) -> float:
+    """Render a scene by what was prepared, write its files, return the target's visible share."""
     import drjit
 
-    from cornerscenes import mitsuba_backend, scene_files
+    from cornerscenes import scene_files
     from cornerscenes.layout import lay_out
 
-    started = time.monotonic()
-    mitsuba_backend.choose_variant(setting.variant)
-    drjit.set_thread_count(setting.threads)
+    drjit.set_thread_count(threads)
     scene = lay_out(task.suite_name, task.scene, task.family)
+    return scene_files.write(folder, scene, task.film, task.scene, task.key)
+
+
+def render_one(task: Task, setting: Setting) -> Rendered:
+    """Render one scene into its dataset."""
+    prepare(setting.variant)
+    stopwatch = Stopwatch(setting.variant, setting.threads)
     renderer = Renderer(
         name="mitsuba", version=importlib.metadata.version("mitsuba"), variant=setting.variant
     )
@@ -212,6 +265,6 @@ def render_one(task: Task, setting: Setting) -> Rendered:
         task.name,
         task.recipe_sha256,
         renderer,
-        lambda folder: scene_files.write(folder, scene, task.film, task.scene, task.key),
+        lambda folder: write_scene(task, folder, setting.threads),
     )
-    return Rendered(fraction, time.monotonic() - started, size_bytes)
+    return Rendered(fraction, stopwatch.seconds(), stopwatch.core_seconds(), size_bytes)

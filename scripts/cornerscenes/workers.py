@@ -85,16 +85,19 @@ class Workers:
 
     Parameters
     ----------
-    count : int
-        How many run at a time.
     tasks_per_worker : int
         After so many, a process is replaced.
     stop : Stop
         When it is requested, no more tasks are given out and no more results waited for.
+
+    Attributes
+    ----------
+    count : int
+        How many run at a time; 1 at first.
     """
 
-    def __init__(self, count: int, tasks_per_worker: int, stop: Stop) -> None:
-        self._count = count
+    def __init__(self, tasks_per_worker: int, stop: Stop) -> None:
+        self.count = 1
         self._tasks_per_worker = tasks_per_worker
         self._stop = stop
         self._idle: list[_Worker] = []
@@ -135,7 +138,7 @@ class Workers:
             Is told when a process begins with a task.
         """
         waiting = iter(tasks)
-        for _, task in zip(range(self._count), waiting, strict=False):
+        for _, task in zip(range(self.count), waiting, strict=False):
             self._give(work, task, started)
         while self._busy:
             ready = wait([self._stop.connection, *self._busy])

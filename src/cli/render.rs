@@ -7,9 +7,10 @@ use std::process::{Child, Command, Stdio};
 use serde::Deserialize;
 
 use super::environment::{Purpose, python};
+use super::estimate::Estimate;
 use super::interrupt::{self, Asking};
 use super::progress::Progress;
-use super::{Ended, Global, default_output, project};
+use super::{Ended, Global, default_output, print_line, project};
 use crate::error::{Error, Result};
 use crate::plan::read_table;
 
@@ -31,6 +32,10 @@ pub(super) struct Options {
     /// Only every N-th scene of the suite, from number I, 0 to N - 1: for N machines with one folder.
     #[arg(long, value_name = "I/N")]
     shard: Option<String>,
+    /// Say what time and disk it would take, and end. Families that were never rendered here are
+    /// probed, which takes a minute or two.
+    #[arg(long)]
+    estimate: bool,
     /// A Mitsuba variant to use instead of the fastest one.
     #[arg(long, value_name = "NAME")]
     variant: Option<String>,
@@ -49,6 +54,9 @@ impl Options {
 enum Event {
     Start { scenes: u64, missing: u64 },
     Slow { message: String },
+    Probing { scenes: u64 },
+    Probed { scene: String },
+    Estimate(Estimate),
     Rendering { scene: String },
     Done { scene: String, visible_fraction: f64, seconds: f64, left_s: Option<f64> },
     Failed { scene: String, key: String, message: String, left_s: Option<f64> },
@@ -59,7 +67,7 @@ enum Event {
 pub(super) fn run(global: &Global, options: &Options) -> Result<Ended> {
     let place = place(options)?;
     let ended = render(global, options)?;
-    if ended != Ended::Interrupted {
+    if ended != Ended::Interrupted && !options.estimate {
         global.say(format!("dataset: {}", place.display()));
     }
     Ok(ended)
@@ -108,6 +116,9 @@ fn arguments(global: &Global, options: &Options, recipes: &Path, place: &Path) -
     option("--variant", options.variant.clone());
     option("--jobs", options.jobs.map(|jobs| jobs.to_string()));
     option("--threads", global.threads.map(|threads| threads.to_string()));
+    if options.estimate {
+        words.push("--estimate".to_owned());
+    }
     words
 }
 
@@ -117,7 +128,7 @@ fn follow(global: &Global, mut renderer: Renderer, options: &Options) -> Result<
     let mut progress = Progress::new(global);
     progress.doing("looking at what is there");
     let mut ended = Ended::Well;
-    let mut refused = None;
+    let (mut refused, mut estimate) = (None, None);
     let mut chosen = 0;
     while let Some(event) = renderer.next_event()? {
         match event {
@@ -125,8 +136,16 @@ fn follow(global: &Global, mut renderer: Renderer, options: &Options) -> Result<
                 chosen = scenes;
                 let there = scenes - missing;
                 progress.tell(&format!("suite {suite}: {there} of {scenes} scenes are rendered"));
-                progress.start(scenes, there);
+                if !options.estimate {
+                    progress.start(scenes, there);
+                }
             }
+            Event::Probing { scenes } => progress.start(scenes, 0),
+            Event::Probed { scene } => {
+                progress.end(&scene, None);
+                progress.tell_done(&format!("probed {scene}"));
+            }
+            Event::Estimate(found) => estimate = Some(found),
             Event::Slow { message } => progress.tell(&message),
             Event::Rendering { scene } => progress.begin(scene),
             Event::Done { scene, visible_fraction, seconds, left_s } => {
@@ -157,6 +176,11 @@ fn follow(global: &Global, mut renderer: Renderer, options: &Options) -> Result<
         }
     }
     drop(progress);
+    match estimate {
+        Some(estimate) if global.json => print_line(serde_json::json!(estimate))?,
+        Some(estimate) => print_line(estimate)?,
+        None => {}
+    }
     let (code, last) = renderer.end()?;
     match (refused, code) {
         (Some(message), _) => Err(Error::Other(message)),
@@ -185,6 +209,9 @@ fn again(global: &Global, options: &Options, scene: Option<&str>) -> String {
             option("--scenes", options.scenes.clone());
             option("--shard", options.shard.clone());
             option("--jobs", options.jobs.map(|jobs| jobs.to_string()));
+            if options.estimate {
+                words.push("--estimate".to_owned());
+            }
         }
     }
     words.join(" ")
