@@ -6,7 +6,8 @@ use serde::Serialize;
 
 use crate::error::{Error, Result};
 
-/// Has `write` fill a temporary file beside `path`, then renames it to `path`.
+/// Has `write` make a temporary file or folder beside `path`, then renames it to `path`, in place of the
+/// file or folder that may be there.
 ///
 /// # Errors
 /// What `write` returns, or [`Error::Io`]; then `path` is as it was.
@@ -20,7 +21,19 @@ pub fn write_whole(path: &Path, write: impl FnOnce(&Path) -> Result<()>) -> Resu
     let name = path.file_name().unwrap_or_default();
     let unfinished = temporary.path().join(name);
     write(&unfinished)?;
-    std::fs::rename(&unfinished, path).map_err(Error::io(path, "write"))
+    // A folder cannot be renamed onto one that holds something: the old one steps aside first.
+    let aside = temporary.path().join(".replaced");
+    let replaces = path.is_dir();
+    if replaces {
+        std::fs::rename(path, &aside).map_err(Error::io(path, "replace"))?;
+    }
+    std::fs::rename(&unfinished, path).map_err(|error| {
+        if replaces {
+            // Where this fails, too, nothing more can be done for it.
+            let _ = std::fs::rename(&aside, path);
+        }
+        Error::io(path, "write")(error)
+    })
 }
 
 /// Writes `content` as JSON, whole or not at all.
@@ -63,6 +76,28 @@ mod tests {
         });
         assert!(failed.is_err());
         assert_eq!(std::fs::read_to_string(&path).expect("there"), "old");
+        assert_eq!(std::fs::read_dir(folder.path()).expect("there").count(), 1);
+    }
+
+    #[test]
+    fn a_folder_is_replaced_whole_or_stays() {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let path = folder.path().join("a");
+        let with = |name: &'static str| {
+            move |folder: &Path| {
+                std::fs::create_dir(folder).map_err(Error::io(folder, "create"))?;
+                std::fs::write(folder.join(name), "").map_err(Error::io(folder, "write"))
+            }
+        };
+        write_whole(&path, with("old")).expect("written");
+        let failed = write_whole(&path, |folder| {
+            with("half")(folder)?;
+            Err(Error::Other("interrupted".into()))
+        });
+        assert!(failed.is_err());
+        assert!(path.join("old").is_file() && !path.join("half").exists());
+        write_whole(&path, with("new")).expect("written");
+        assert!(path.join("new").is_file() && !path.join("old").exists());
         assert_eq!(std::fs::read_dir(folder.path()).expect("there").count(), 1);
     }
 }

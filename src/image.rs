@@ -108,6 +108,21 @@ impl Plane<f32> {
     }
 }
 
+impl Plane<bool> {
+    /// The smallest range of columns and rows that holds every true sample; `None` of none.
+    pub fn range(&self) -> Option<PixelRange> {
+        (0..self.height).fold(None, |range, y| {
+            let row = self.row(y);
+            let first = row.iter().position(|&inside| inside);
+            let last = row.iter().rposition(|&inside| inside);
+            let Some((first, last)) = first.zip(last) else { return range };
+            let PixelRange { x0, y0, x1, .. } =
+                range.unwrap_or(PixelRange { x0: first, y0: y, x1: last + 1, y1: y + 1 });
+            Some(PixelRange { x0: x0.min(first), y0, x1: x1.max(last + 1), y1: y + 1 })
+        })
+    }
+}
+
 /// A half-open rectangle of pixels: columns `x0..x1`, rows `y0..y1`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PixelRange {
@@ -155,6 +170,13 @@ mod tests {
         assert!((plane.bilinear(ImagePoint::new(1.25, 2.5)) - 10.0).abs() < 1e-12);
         assert!((plane.bilinear(ImagePoint::new(-3.0, 0.0)) - 0.0).abs() < 1e-12);
         assert!((plane.bilinear(ImagePoint::new(9.0, 9.0)) - 17.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn the_range_of_a_mask_holds_its_true_samples_closely() {
+        let mask = Plane::from_fn(6, 5, |x, y| [(3, 1), (2, 3), (4, 3)].contains(&(x, y)));
+        assert_eq!(mask.range(), Some(PixelRange { x0: 2, y0: 1, x1: 5, y1: 4 }));
+        assert_eq!(Plane::filled(6, 5, false).range(), None);
     }
 
     #[test]

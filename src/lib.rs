@@ -10,6 +10,7 @@ pub mod cli;
 pub mod convention;
 pub mod detect;
 pub mod error;
+pub mod export;
 pub mod files;
 pub mod filter;
 pub mod geometry;

@@ -108,9 +108,7 @@ impl Plan {
         let (place, table) = read_table(recipes, "plans", name)?;
         let file: PlanFile = registry::parameters(&place, &table)?;
         registry::in_range(&place, "gate_px", file.gate_px, 0.01..=100.0)?;
-        let (camera_place, camera_table) = read_table(recipes, "cameras", &file.camera)?;
-        let camera_model: CameraModel = registry::parameters(&camera_place, &camera_table)?;
-        camera_model.check(&camera_place)?;
+        let camera_model = read_camera(recipes, &file.camera)?;
         let pipelines = file
             .pipelines
             .iter()
@@ -200,6 +198,17 @@ fn stage<T: ?Sized>(
     let mut parameters = (entry.defaults)();
     parameters.extend(table);
     Ok(Stage { name: entry.name, version: entry.version, parameters, algorithm })
+}
+
+/// Reads `cameras/NAME.toml` in the folder of recipes.
+///
+/// # Errors
+/// For an unknown name or key, or a value out of range: with file, key, found, allowed.
+pub fn read_camera(recipes: &Path, name: &str) -> Result<CameraModel> {
+    let (place, table) = read_table(recipes, "cameras", name)?;
+    let model: CameraModel = registry::parameters(&place, &table)?;
+    model.check(&place)?;
+    Ok(model)
 }
 
 /// The names of the recipes in a folder, sorted.

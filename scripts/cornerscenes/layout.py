@@ -1,19 +1,16 @@
-"""From a recipe to one scene: every size, pose and light drawn, every object placed.
+"""Drawing a scene: a recipe becomes dimensions, poses, materials, objects and light.
 
-Each factor has a random stream of its own, keyed by suite, scene and factor. The target's visible
-fraction is met by drawing many placements of the objects and keeping the one that comes nearest.
+Every continuous factor is a point of a sequence of its own, keyed by names (see `streams`), so
+adding a scene or a factor moves no other.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
-
 import numpy as np
-from jaxtyping import Bool, Float
-from scipy.spatial import ConvexHull
+from jaxtyping import Float
 
-from cornerscenes import cuboid
+from cornerscenes import board, cuboid
+from cornerscenes import room as rooms
 from cornerscenes.camera import (
     Camera,
     inverse,
@@ -22,376 +19,369 @@ from cornerscenes.camera import (
     standing,
     transformed,
 )
-from cornerscenes.mitsuba_backend import Light, Occluder, Solid, World
+from cornerscenes.library import Library, MaterialEntry, SurfaceEntry, of_split
+from cornerscenes.light import Lamp, Light, Point
 from cornerscenes.objects import BUILDERS
-from cornerscenes.recipes import Family, ObjectRecipe, RecipeError, SceneRecipe, unknown_name
-from cornerscenes.room import Surface, room
-from cornerscenes.shape import Material, Part
-from cornerscenes.streams import stream
+from cornerscenes.placement import place
+from cornerscenes.recipes import (
+    BoardRecipe,
+    CameraRecipe,
+    Family,
+    LensRecipe,
+    ObjectRecipe,
+    PoseRecipe,
+    RangeSensorRecipe,
+    RoomRecipe,
+    SceneRecipe,
+    TargetRecipe,
+)
+from cornerscenes.room import Surface
+from cornerscenes.scene import FIRST_OBJECT_ID, Lens, Line, PlacedObject, Scene, Shape
+from cornerscenes.shape import Material, Rgb, Texture
+from cornerscenes.streams import Factors, stream
+from cornerscenes.tables import RecipeError, unknown_name
+from cornerscenes.target import Target, Wireframe
+from cornerscenes.textures import BACKGROUNDS, TILE_M, label, scratches, wood
 
-TARGET_ID = 1
-FIRST_OBJECT_ID = 10
-FIRST_SURFACE_ID = 100
-
-# Placements of all objects drawn before a wanted visible fraction is given up, and places tried for
-# one object before a placement is.
-PLACEMENTS = 400
-TRIES = 40
-
-# Cells per side of a face from which a placement's visible fraction is estimated.
-PLACEMENT_CELLS = 24
-
-# Objects keep this distance from the target, the walls and each other's feet.
-CLEARANCE_M = 0.012
-
-
-@dataclass(frozen=True)
-class Target:
-    """The cuboid: dimensions along its own axes [m], pose, material."""
-
-    size_m: tuple[float, float, float]
-    world_from_cuboid: Float[np.ndarray, "4 4"]
-    material: Material
-
-    def vertices_m(self) -> Float[np.ndarray, "8 3"]:
-        """Return the eight vertices in the world [m]."""
-        return transformed(self.world_from_cuboid, cuboid.vertices(self.size_m))
-
-    def face_points_m(self, face: int, count: int) -> Float[np.ndarray, "n 3"]:
-        """Return a count x count grid of cell centres on a face, in the world [m]."""
-        return transformed(self.world_from_cuboid, cuboid.face_points(self.size_m, face, count))
-
-    def normal(self, face: int) -> Float[np.ndarray, "3"]:
-        """Return a face's outward normal in the world."""
-        return self.world_from_cuboid[:3, :3] @ cuboid.NORMALS[face]
-
-    def facing(self, eye_m: Float[np.ndarray, "3"]) -> list[int]:
-        """Return the faces whose outside is towards an eye in the world [m]."""
-        vertices = self.vertices_m()
-        return [
-            face
-            for face, corners in enumerate(cuboid.FACES)
-            if self.normal(face) @ (eye_m - vertices[corners[0]]) > 0.0
-        ]
+# The stripe on the wall: the red of paint.
+_STRIPE: Rgb = (0.62, 0.03, 0.03)
 
 
-@dataclass(frozen=True)
-class Shape:
-    """An object as built, in its own frame [m], with what deciding on a place needs to know.
-
-    Attributes
-    ----------
-    parts : tuple[Part, ...]
-        Its meshes.
-    vertices_m : Float[np.ndarray, "n 3"]
-        The vertices of all parts.
-    outline_m : Float[np.ndarray, "m 3"]
-        Those that bound it seen from above.
-    feet_middle_m, feet_radius_m
-        A circle on the floor around all of it that is lower than 12 cm.
-    """
-
-    parts: tuple[Part, ...]
-    vertices_m: Float[np.ndarray, "n 3"]
-    outline_m: Float[np.ndarray, "m 3"]
-    feet_middle_m: Float[np.ndarray, "3"]
-    feet_radius_m: float
-
-    @classmethod
-    def of(cls, parts: tuple[Part, ...]) -> Shape:
-        """Return the shape of an object's parts."""
-        vertices = np.concatenate([part.vertices for part in parts])
-        feet = vertices[vertices[:, 2] < 0.12][:, :2]
-        middle = 0.5 * (feet.min(axis=0) + feet.max(axis=0))
-        return cls(
-            parts=parts,
-            vertices_m=vertices,
-            outline_m=vertices[ConvexHull(vertices[:, :2]).vertices],
-            feet_middle_m=np.append(middle, 0.0),
-            feet_radius_m=float(np.linalg.norm(feet - middle, axis=1).max()),
-        )
-
-
-@dataclass(frozen=True)
-class PlacedObject:
-    """One object of the scene."""
-
-    object_id: int
-    builder: str
-    height_m: float
-    shape: Shape
-    world_from_object: Float[np.ndarray, "4 4"]
-
-    def solids(self) -> list[Solid]:
-        """Return its meshes for the renderer."""
-        return [Solid(self.object_id, part, self.world_from_object) for part in self.shape.parts]
-
-
-@dataclass(frozen=True)
-class Scene:
-    """Everything that is resolved about a scene before it is rendered."""
-
-    camera: Camera
-    range_camera: Camera
-    world_from_camera: Float[np.ndarray, "4 4"]
-    target: Target
-    objects: tuple[PlacedObject, ...]
-    surfaces: tuple[Surface, ...]
-    light: Light
-
-    def world(self, max_depth: int) -> World:
-        """Return the scene as the renderer holds it."""
-        part = cuboid.part(self.target.size_m, self.target.material)
-        solids = [Solid(TARGET_ID, part, self.target.world_from_cuboid)]
-        solids += [solid for item in self.objects for solid in item.solids()]
-        return World(solids, self.surfaces, FIRST_SURFACE_ID, self.light, max_depth)
-
-
-def lay_out(suite: str, recipe: SceneRecipe, family: Family) -> Scene:
+def lay_out(suite: str, recipe: SceneRecipe, family: Family, library: Library) -> Scene:
     """Draw one scene.
+
+    Parameters
+    ----------
+    suite : str
+        Name of its suite.
+    recipe : SceneRecipe
+        The scene.
+    family : Family
+        Its family.
+    library : Library
+        Materials, backgrounds and lights.
 
     Raises
     ------
     RecipeError
         When a name is unknown or no placement meets the wanted visible fraction.
     """
-    key = f"{suite}/{recipe.name}"
+    try:
+        return _Drawing(suite, recipe, family, library).scene()
+    except RecipeError as error:
+        raise RecipeError(f"scene {recipe.name}: {error}") from None
 
-    def draw(factor: str, bounds: tuple[float, float]) -> float:
-        return float(stream(key, factor).uniform(*bounds))
 
-    wall_x, wall_y = draw("wall_x", family.room.wall_x_m), draw("wall_y", family.room.wall_y_m)
-    surfaces = room(wall_x, wall_y, family.room.extent_m, family.room.height_m, key)
-    target = _target(family, draw)
-    world_from_camera = _pose(recipe, family, target, key)
-    _check_view(recipe, target, world_from_camera, surfaces)
-    camera_recipe = family.camera
-    fov = camera_recipe.horizontal_field_of_view_deg
-    camera = Camera.with_field_of_view(camera_recipe.width, camera_recipe.height, fov)
-    sensor = family.range_sensor
-    range_camera = Camera.with_field_of_view(sensor.width, sensor.height, fov)
+class _Drawing:
+    """One scene on its way from recipe to resolved."""
 
-    built = [
-        _build(f"{key}/object{index}", FIRST_OBJECT_ID + index, item)
-        for index, item in enumerate(family.objects)
-    ]
-    occluders = {item.object_id: Occluder(item.shape.parts) for _, item in built}
-    low, high = recipe.visible_fraction
-    best: tuple[float, tuple[PlacedObject, ...], float] | None = None
-    for attempt in range(PLACEMENTS):
-        placed = _place(f"{key}/attempt{attempt}", built, target, world_from_camera, surfaces)
-        if placed is None:
-            continue
-        eye = world_from_camera[:3, 3]
-        hidden = _hidden_by(placed, occluders, eye)
-        fraction = visible_fraction(target, eye, hidden, PLACEMENT_CELLS)
-        distance = max(low - fraction, fraction - high, 0.0)
-        if best is None or distance < best[0]:
-            best = distance, placed, fraction
-        if distance == 0.0:
-            break
-    if best is None or best[0] > 0.0:
-        nearest = "none" if best is None else f"{best[2]:.3f}"
-        raise RecipeError(
-            f"scene {recipe.name}: visible_fraction [{low}, {high}] not met in {PLACEMENTS} "
-            f"placements, nearest {nearest}; widen the range or move the family's occluders"
+    def __init__(self, suite: str, recipe: SceneRecipe, family: Family, library: Library) -> None:
+        self.key = f"{suite}/{recipe.name}"
+        self.factors = Factors(f"{suite}/{recipe.group}", recipe.index)
+        self.recipe, self.family, self.library = recipe, family, library
+
+    def scene(self) -> Scene:
+        """Draw everything, from what is fixed first to what depends on it."""
+        family = self.family
+        material_name = self._material_name(family.target)
+        material = self.library.materials[material_name]
+        target = self._target(family.target, material, bevel_radius_m=0.0)
+        pose_name = self._pose_name()
+        camera = _camera(family.camera)
+        pose = self._pose(family.poses[pose_name], target, camera)
+        if family.target.bevel_px is not None:
+            target = self._bevelled(family.target, material, target, pose, camera)
+        _check_view(target, pose, pose_name)
+        surfaces: tuple[Surface, ...] = ()
+        lines: tuple[Line, ...] = ()
+        walls = np.full(2, np.inf)
+        names = {"pose": pose_name, "material": material_name}
+        if family.room is not None:
+            names["background"] = self._name("room.backgrounds", family.room.backgrounds)
+            surfaces, lines = self._room(family.room, names["background"])
+            walls = surfaces[0].corners_m[2, :2]
+            if (target.vertices_m()[:, :2].max(axis=0) > walls).any():
+                raise RecipeError("the target stands in a wall; move it or the wall")
+        names["light"] = self._name("lights", family.lights)
+        built = tuple(
+            self._build(index, item)
+            for index, item in enumerate(family.objects)
+            if self.factors.unit(f"object{index}.share")[0] < item.share
         )
-    light = Light(
-        sky_zenith=family.light.sky_zenith,
-        sky_horizon=family.light.sky_horizon,
-        area_radiance=draw("area_radiance", family.light.area_radiance),
-        area_position_m=_jittered(
-            family.light.area_position_m, family.light.area_jitter_m, f"{key}/area"
-        ),
-        area_size_m=family.light.area_size_m,
-        aim_m=_point(target.vertices_m().mean(axis=0)),
-    )
-    return Scene(camera, range_camera, world_from_camera, target, best[1], surfaces, light)
+        eye = pose[:3, 3]
+        wanted = self.recipe.visible_fraction
+        return Scene(
+            camera=camera,
+            range_camera=_camera(family.range_sensor),
+            world_from_camera=pose,
+            world_from_range=pose @ _shifted(family.range_sensor.position_in_camera_m),
+            lens=self._lens(family.camera.lens, target, pose),
+            target=target,
+            objects=place(self.key, built, target, eye, walls, wanted),
+            surfaces=surfaces,
+            lines=lines,
+            light=self._light(names["light"], target),
+            names=names,
+            is_red=material.red,
+        )
+
+    def _name(self, key: str, names: tuple[str, ...]) -> str:
+        """Draw one of the names that belong to this scene's split."""
+        kind = key.rpartition(".")[2]
+        entries = getattr(self.library, "materials" if "materials" in kind else kind)
+        return self.factors.one_of(key, of_split(key, entries, names, self.recipe.split))
+
+    def _material_name(self, recipe: TargetRecipe) -> str:
+        if self.factors.unit("target.other")[0] < recipe.other_share:
+            return self._name("target.other_materials", recipe.other_materials)
+        return self._name("target.materials", recipe.materials)
+
+    def _pose_name(self) -> str:
+        known = sorted(self.family.poses)
+        for name in self.recipe.poses:
+            if name not in known:
+                raise RecipeError(unknown_name("pose", name, known))
+        return self.factors.one_of("pose", list(self.recipe.poses) or known)
+
+    def _target(self, recipe: TargetRecipe, entry: MaterialEntry, bevel_radius_m: float) -> Target:
+        """Draw the target and stand it, its lowest point on the floor or above it."""
+        size_m, wireframe, parts, texture_corners = (
+            self._cuboid(recipe, entry, bevel_radius_m)
+            if recipe.board is None
+            else self._board(recipe.board, entry)
+        )
+        draw = self.factors.within
+        x, y = draw("target.x", recipe.position_x_m), draw("target.y", recipe.position_y_m)
+        pose = standing(x, y, np.deg2rad(draw("target.yaw", recipe.yaw_deg)))
+        pose = pose @ _tilted(np.deg2rad(draw("target.tilt", recipe.tilt_deg)))
+        lowest = min(transformed(pose, part.vertices)[:, 2].min() for part in parts)
+        pose[2, 3] += draw("target.lift", recipe.lift_m) - lowest
+        return Target(
+            kind="cuboid" if recipe.board is None else "board",
+            size_m=size_m,
+            wireframe=wireframe,
+            parts=parts,
+            world_from_target=pose,
+            bevel_radius_m=bevel_radius_m,
+            texture_corners_m=texture_corners,
+        )
+
+    def _cuboid(
+        self, recipe: TargetRecipe, entry: MaterialEntry, bevel_radius_m: float
+    ) -> tuple[Point, Wireframe, tuple, Float[np.ndarray, "k 3"]]:
+        sides = (recipe.length_m, recipe.width_m, recipe.height_m)
+        length, width, height = (
+            self.factors.within(f"target.{name}", bounds or (0.0, 0.0))
+            for name, bounds in zip(("length", "width", "height"), sides, strict=True)
+        )
+        size = length, width, height
+        material = self._material(entry)
+        if bevel_radius_m > 0.0:
+            parts = cuboid.bevelled(size, bevel_radius_m, material)
+            return size, cuboid.wireframe(size), parts, np.zeros((0, 3))
+        textures, corners = self._printed(entry, material.colour, size)
+        parts = cuboid.sharp(size, material, textures)
+        return size, cuboid.wireframe(size), parts, corners
+
+    def _board(
+        self, recipe: BoardRecipe, entry: MaterialEntry
+    ) -> tuple[Point, Wireframe, tuple, Float[np.ndarray, "k 3"]]:
+        square_m = self.factors.within("board.square", recipe.square_m)
+        roughness = self._material(entry).roughness
+        return (
+            board.size_m(recipe.columns, recipe.rows, square_m),
+            board.wireframe(recipe.columns, recipe.rows, square_m),
+            board.parts(recipe.columns, recipe.rows, square_m, roughness),
+            np.zeros((0, 3)),
+        )
+
+    def _bevelled(
+        self,
+        recipe: TargetRecipe,
+        entry: MaterialEntry,
+        sharp: Target,
+        pose: Float[np.ndarray, "4 4"],
+        camera: Camera,
+    ) -> Target:
+        """Return the target with edges whose radius is given in the image."""
+        radius_px = self.factors.within("target.bevel", recipe.bevel_px or (0.0, 0.0))
+        depth_m = transformed(inverse(pose), _centre(sharp)[None])[0, 2]
+        radius_m = min(radius_px * depth_m / camera.fx_px, 0.45 * min(sharp.size_m))
+        return self._target(recipe, entry, radius_m)
+
+    def _material(self, entry: MaterialEntry) -> Material:
+        low, high = entry.colour
+        shares = self.factors.unit("material.colour", 3)
+        red, green, blue = (
+            a + share * (b - a) for a, b, share in zip(low, high, shares, strict=True)
+        )
+        roughness = None
+        if entry.roughness is not None:
+            roughness = self.factors.within("material.roughness", entry.roughness)
+        return Material((red, green, blue), roughness, metallic=entry.metallic)
+
+    def _printed(
+        self, entry: MaterialEntry, colour: Rgb, size_m: Point
+    ) -> tuple[dict[int, Texture], Float[np.ndarray, "k 3"]]:
+        """Return what is on the cuboid's faces, and the corners of labels in its frame [m]."""
+        textures: dict[int, Texture] = {}
+        corners: list[Float[np.ndarray, "4 3"]] = []
+        vertices = cuboid.vertices(size_m)
+        for face, quad in enumerate(cuboid.FACES):
+            first, second, _, last = vertices[list(quad)]
+            extent = float(np.linalg.norm(second - first)), float(np.linalg.norm(last - first))
+            generator = stream(self.key, "print", face)
+            if entry.pattern == "wood":
+                textures[face] = wood(generator, colour, extent)
+            elif entry.pattern == "scratches":
+                textures[face] = scratches(generator, colour, extent)
+            elif entry.pattern == "label":
+                textures[face], shares = label(generator, colour, extent)
+                steps = np.stack([second - first, last - first])
+                corners.append(first + shares @ steps)
+        return textures, np.concatenate(corners) if corners else np.zeros((0, 3))
+
+    def _pose(self, recipe: PoseRecipe, target: Target, camera: Camera) -> Float[np.ndarray, "4 4"]:
+        """Draw the camera's pose."""
+        centre = _centre(target)
+        if recipe.position_m is not None:
+            eye = np.array(self._jittered("camera.position", recipe.position_m, recipe.jitter_m))
+            return looking_down(_point(eye)) if recipe.looks == "down" else looking_at(eye, centre)
+        draw = self.factors.within
+        azimuth = np.deg2rad(draw("camera.azimuth", recipe.azimuth_deg or (0.0, 0.0)))
+        elevation = np.deg2rad(draw("camera.elevation", recipe.elevation_deg or (0.0, 0.0)))
+        if recipe.across_px is not None:
+            # By ratios, as sizes in an image are.
+            low, high = np.log(recipe.across_px)
+            across_px = np.exp(draw("camera.across", (float(low), float(high))))
+            distance = camera.fx_px * float(np.linalg.norm(target.size_m)) / across_px
+        else:
+            distance = draw("camera.distance", recipe.distance_m or (1.0, 1.0))
+        level = np.cos(elevation)
+        towards = np.array([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)])
+        eye = centre + distance * towards
+        straight = looking_at(eye, centre)
+        shift = np.array(self.factors.unit("camera.off_centre", 2)) * 2.0 - 1.0
+        shift *= recipe.off_centre * distance * np.array([camera.width, camera.height])
+        aim = centre - straight[:3, :2] @ (shift / camera.fx_px)
+        return looking_at(eye, aim)
+
+    def _lens(
+        self, recipe: LensRecipe | None, target: Target, pose: Float[np.ndarray, "4 4"]
+    ) -> Lens | None:
+        if recipe is None:
+            return None
+        depth_m = float(transformed(inverse(pose), _centre(target)[None])[0, 2])
+        offset_m = self.factors.within("lens.focus", recipe.focus_offset_m)
+        aperture_m = self.factors.within("lens.aperture", recipe.aperture_radius_m)
+        return Lens(aperture_m, depth_m + offset_m)
+
+    def _room(
+        self, recipe: RoomRecipe, background: str
+    ) -> tuple[tuple[Surface, ...], tuple[Line, ...]]:
+        entry = self.library.backgrounds[background]
+        wall_x = self.factors.within("room.wall_x", recipe.wall_x_m)
+        wall_y = self.factors.within("room.wall_y", recipe.wall_y_m)
+        corners = rooms.corners(wall_x, wall_y, recipe.extent_m, recipe.height_m)
+        surfaces = [
+            self._surface(name, points, entry.floor if name == "floor" else entry.walls)
+            for name, points in corners.items()
+        ]
+        if recipe.red_stripe_m is not None:
+            wall = self.factors.one_of("room.stripe", ["wall_x", "wall_y"])
+            paint = np.tile(np.array(_STRIPE), (2, 2, 1))
+            surfaces.append(rooms.stripe(corners[wall], *recipe.red_stripe_m, paint))
+        inner = corners["floor"][2]
+        lines = (
+            Line("floor and wall_x", inner, corners["wall_x"][1]),
+            Line("floor and wall_y", inner, corners["wall_y"][0]),
+            Line("wall_x and wall_y", inner, corners["wall_x"][3]),
+        )
+        return tuple(surfaces), lines
+
+    def _surface(
+        self, name: str, corners: Float[np.ndarray, "4 3"], entry: SurfaceEntry
+    ) -> Surface:
+        texture = BACKGROUNDS[entry.pattern](stream(self.key, name), entry.colour)
+        sides = np.linalg.norm(corners[[1, 3]] - corners[0], axis=1) / TILE_M
+        return Surface(name, corners, texture, (float(sides[0]), float(sides[1])), entry.roughness)
+
+    def _light(self, name: str, target: Target) -> Light:
+        entry = self.library.lights[name]
+        lamps = []
+        for index, lamp in enumerate(entry.lamps):
+            key = f"lamp{index}"
+            strength = self.factors.within(f"{key}.strength", lamp.strength)
+            red, green, blue = (strength * share for share in lamp.colour)
+            size_m = 0.0
+            if lamp.size_m is not None:
+                size_m = self.factors.within(f"{key}.size", lamp.size_m)
+            lamps.append(
+                Lamp(
+                    kind=lamp.kind,
+                    strength=(red, green, blue),
+                    position_m=self._jittered(key, lamp.position_m, lamp.jitter_m),
+                    aim_m=_point(_centre(target)),
+                    size_m=size_m,
+                )
+            )
+        return Light(entry.zenith, entry.horizon, entry.nadir, tuple(lamps))
+
+    def _build(self, index: int, recipe: ObjectRecipe) -> PlacedObject:
+        key = f"object{index}"
+        for name in recipe.builders:
+            if name not in BUILDERS:
+                raise RecipeError(unknown_name("objects.builders", name, sorted(BUILDERS)))
+        builder = self.factors.one_of(f"{key}.builder", recipe.builders)
+        height_m = self.factors.within(f"{key}.height", recipe.height_m)
+        parts = BUILDERS[builder](stream(self.key, key, builder), height_m)
+        number = FIRST_OBJECT_ID + index
+        return PlacedObject(number, builder, recipe.role, height_m, Shape.of(parts), np.eye(4))
+
+    def _jittered(self, factor: str, point_m: Point, jitter_m: float) -> Point:
+        shares = 2.0 * np.array(self.factors.unit(factor, 3)) - 1.0
+        return _point(np.array(point_m) + jitter_m * shares)
 
 
-def visible_fraction(
-    target: Target,
-    eye_m: Float[np.ndarray, "3"],
-    hidden: Callable[[Float[np.ndarray, "n 3"]], Bool[np.ndarray, " n"]],
-    count: int,
-) -> float:
-    """Return the share of the target's image area that nothing hides, whatever the frame cuts.
-
-    Parameters
-    ----------
-    target : Target
-        The cuboid.
-    eye_m : Float[np.ndarray, "3"]
-        The camera's place in the world [m].
-    hidden : Callable
-        Says of points on the target [m] whether something stands before them.
-    count : int
-        Every face that looks at the camera is sampled on a grid of count x count cells.
-    """
-    seen = total = 0.0
-    for face in target.facing(eye_m):
-        points = target.face_points_m(face, count)
-        towards = eye_m - points
-        weight = (towards @ target.normal(face)) / np.linalg.norm(towards, axis=1) ** 3
-        weight *= np.delete(np.array(target.size_m), face // 2).prod()
-        seen += float(weight[~hidden(points)].sum())
-        total += float(weight.sum())
-    return seen / total
+def _camera(recipe: CameraRecipe | RangeSensorRecipe) -> Camera:
+    degrees = recipe.horizontal_field_of_view_deg
+    return Camera.with_field_of_view(recipe.width, recipe.height, degrees)
 
 
-def _hidden_by(
-    objects: tuple[PlacedObject, ...],
-    occluders: Mapping[int, Occluder],
-    eye_m: Float[np.ndarray, "3"],
-) -> Callable[[Float[np.ndarray, "n 3"]], Bool[np.ndarray, " n"]]:
-    """Return what says whether any of the objects stands before points [m]."""
-
-    def hidden(points: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
-        found = np.zeros(len(points), dtype=bool)
-        for item in objects:
-            found |= occluders[item.object_id].hides(item.world_from_object, eye_m, points)
-        return found
-
-    return hidden
+def _centre(target: Target) -> Float[np.ndarray, "3"]:
+    """Return the middle of the target's vertices in the world [m]."""
+    return target.vertices_m().mean(axis=0)
 
 
-def _target(family: Family, draw: Callable[[str, tuple[float, float]], float]) -> Target:
-    recipe = family.target
-    size_m = (
-        draw("target.length", recipe.length_m),
-        draw("target.width", recipe.width_m),
-        draw("target.height", recipe.height_m),
-    )
-    pose = standing(
-        draw("target.x", recipe.position_x_m),
-        draw("target.y", recipe.position_y_m),
-        np.deg2rad(draw("target.yaw", recipe.yaw_deg)),
-    )
-    return Target(size_m, pose, Material(recipe.colour, recipe.roughness))
-
-
-def _pose(
-    recipe: SceneRecipe, family: Family, target: Target, key: str
-) -> Float[np.ndarray, "4 4"]:
-    if recipe.pose not in family.poses:
-        place = f"scene {recipe.name}: pose"
-        raise RecipeError(unknown_name(place, recipe.pose, sorted(family.poses)))
-    pose = family.poses[recipe.pose]
-    position = _jittered(pose.position_m, pose.jitter_m, f"{key}/camera")
-    if pose.looks == "down":
-        return looking_down(position)
-    centre = target.vertices_m().mean(axis=0)
-    return looking_at(np.array(position), centre)
-
-
-def _point(values: Float[np.ndarray, "3"]) -> tuple[float, float, float]:
+def _point(values: Float[np.ndarray, "3"]) -> Point:
     x, y, z = (float(value) for value in values)
     return x, y, z
 
 
-def _check_view(
-    recipe: SceneRecipe,
-    target: Target,
-    world_from_camera: Float[np.ndarray, "4 4"],
-    surfaces: tuple[Surface, ...],
-) -> None:
-    """Refuse a target behind the camera or in a wall, and a camera whose upright is undefined."""
-    vertices = target.vertices_m()
+def _shifted(position_m: Point) -> Float[np.ndarray, "4 4"]:
+    pose = np.eye(4)
+    pose[:3, 3] = position_m
+    return pose
+
+
+def _tilted(angle_rad: float) -> Float[np.ndarray, "4 4"]:
+    """Return a turn about the x axis."""
+    cosine, sine = np.cos(angle_rad), np.sin(angle_rad)
+    pose = np.eye(4)
+    pose[1:3, 1:3] = [[cosine, -sine], [sine, cosine]]
+    return pose
+
+
+def _check_view(target: Target, world_from_camera: Float[np.ndarray, "4 4"], pose: str) -> None:
+    """Refuse a target behind the camera, and a camera whose upright is undefined."""
     if not np.isfinite(world_from_camera).all():
         raise RecipeError(
-            f"scene {recipe.name}: pose {recipe.pose!r} is straight above its target; "
-            'looks = "down" is the pose for that'
+            f"pose {pose!r} is straight above its target; "
+            'looks = "down" with position_m is the pose for that'
         )
-    nearest_m = transformed(inverse(world_from_camera), vertices)[:, 2].min()
+    nearest_m = transformed(inverse(world_from_camera), target.vertices_m())[:, 2].min()
     if nearest_m < 0.02:
         raise RecipeError(
-            f"scene {recipe.name}: a vertex of the target has depth {nearest_m:.3f} m, must be at "
-            f"least 0.02; move pose {recipe.pose!r} or the target"
+            f"a vertex of the target has depth {nearest_m:.3f} m, must be at least 0.02; move "
+            f"pose {pose!r} or the target"
         )
-    if (vertices[:, :2].max(axis=0) > surfaces[0].corners_m[2, :2]).any():
-        raise RecipeError(f"scene {recipe.name}: the target stands in a wall; move it or the wall")
-
-
-def _jittered(
-    point_m: tuple[float, float, float], jitter_m: float, key: str
-) -> tuple[float, float, float]:
-    return _point(stream(key, "jitter").uniform(-jitter_m, jitter_m, 3) + point_m)
-
-
-def _build(key: str, object_id: int, recipe: ObjectRecipe) -> tuple[ObjectRecipe, PlacedObject]:
-    for name in recipe.builders:
-        if name not in BUILDERS:
-            raise RecipeError(unknown_name("objects.builders", name, sorted(BUILDERS)))
-    builder = recipe.builders[int(stream(key, "builder").integers(len(recipe.builders)))]
-    height_m = float(stream(key, "height").uniform(*recipe.height_m))
-    parts = BUILDERS[builder](stream(key, builder), height_m)
-    return recipe, PlacedObject(object_id, builder, height_m, Shape.of(parts), np.eye(4))
-
-
-def _place(
-    key: str,
-    built: list[tuple[ObjectRecipe, PlacedObject]],
-    target: Target,
-    world_from_camera: Float[np.ndarray, "4 4"],
-    surfaces: tuple[Surface, ...],
-) -> tuple[PlacedObject, ...] | None:
-    """Place every object once, or return `None` when they do not fit."""
-    centre = target.world_from_cuboid[:2, 3]
-    eye = world_from_camera[:3, 3]
-    walls = surfaces[0].corners_m[2, :2]
-    towards_eye = _bearing(eye[:2] - centre)
-    towards_room = _bearing(centre - walls)
-    placed: list[PlacedObject] = []
-    for recipe, item in built:
-        generator = stream(key, item.object_id)
-        for _ in range(TRIES):
-            if recipe.role == "occluder":
-                angle = towards_eye + generator.uniform(-1.3, 1.3)
-                distance = generator.uniform(0.12, 0.36)
-            else:
-                angle = towards_room + generator.uniform(-2.2, 2.2)
-                distance = generator.uniform(0.16, 0.70)
-            x, y = centre + distance * np.array([np.cos(angle), np.sin(angle)])
-            pose = standing(float(x), float(y), float(generator.uniform(-np.pi, np.pi)))
-            candidate = replace(item, world_from_object=pose)
-            if _fits(candidate, placed, target, eye, walls):
-                placed.append(candidate)
-                break
-        else:
-            return None
-    return tuple(placed)
-
-
-def _bearing(direction: Float[np.ndarray, "2"]) -> float:
-    return float(np.arctan2(direction[1], direction[0]))
-
-
-def _fits(
-    candidate: PlacedObject,
-    placed: list[PlacedObject],
-    target: Target,
-    eye_m: Float[np.ndarray, "3"],
-    walls_m: Float[np.ndarray, "2"],
-) -> bool:
-    """Whether an object keeps clear of feet, walls, target and camera; cheap tests first."""
-    if not all(_apart(candidate, other) for other in placed):
-        return False
-    outline = transformed(candidate.world_from_object, candidate.shape.outline_m)
-    if (outline[:, :2].max(axis=0) > walls_m - 0.002).any():
-        return False
-    vertices = transformed(candidate.world_from_object, candidate.shape.vertices_m)
-    inside = transformed(inverse(target.world_from_cuboid), vertices)
-    inside[:, 2] -= 0.5 * target.size_m[2]
-    if (np.abs(inside) < 0.5 * np.array(target.size_m) + CLEARANCE_M).all(axis=1).any():
-        return False
-    return bool(np.linalg.norm(vertices - eye_m, axis=1).min() > 0.15)
-
-
-def _apart(first: PlacedObject, second: PlacedObject) -> bool:
-    """Whether the feet of two objects keep clear of each other."""
-    middles = [
-        transformed(item.world_from_object, item.shape.feet_middle_m[None])[0, :2]
-        for item in (first, second)
-    ]
-    reach_m = first.shape.feet_radius_m + second.shape.feet_radius_m
-    return bool(np.linalg.norm(middles[0] - middles[1]) > reach_m + CLEARANCE_M)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,8 +11,10 @@ import numpy as np
 from jaxtyping import Bool, Float, UInt32
 
 from cornerscenes.camera import Camera, inverse, looking_at, transformed
+from cornerscenes.light import Lamp, Light
 from cornerscenes.room import Surface
-from cornerscenes.shape import Material, Part, vertex_normals
+from cornerscenes.scene import FIRST_SURFACE_ID, NO_FACE, TARGET_ID, Lens, Scene
+from cornerscenes.shape import Material, Part, Rgb, Texture, vertex_normals
 
 mi: Any = mitsuba  # its stubs describe one variant only; which one runs is known at start
 
@@ -21,32 +24,6 @@ VARIANTS = ("cuda_ad_rgb", "llvm_ad_rgb", "scalar_rgb")
 # A ray to a point stops this share of its length short of it, so that the surface the point lies on
 # does not hide it: 10 micrometres at one metre.
 SHORTENED = 1.0 - 1e-5
-
-
-@dataclass(frozen=True)
-class Light:
-    """Sky from above and one square area light.
-
-    Attributes
-    ----------
-    sky_zenith, sky_horizon : tuple[float, float, float]
-        Radiance, linear Rec. 709; the sky blends between them with the sine of elevation.
-    area_radiance : float
-        Radiance of the area light, white.
-    area_position_m : tuple[float, float, float]
-        Its centre in the world [m].
-    area_size_m : float
-        Its side [m].
-    aim_m : tuple[float, float, float]
-        The point in the world that it faces [m].
-    """
-
-    sky_zenith: tuple[float, float, float]
-    sky_horizon: tuple[float, float, float]
-    area_radiance: float
-    area_position_m: tuple[float, float, float]
-    area_size_m: float
-    aim_m: tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -60,11 +37,11 @@ class Solid:
 
 @dataclass(frozen=True)
 class Hits:
-    """What rays met first: distance [m], object id (0 where nothing), triangle, world normal."""
+    """What rays met first: distance [m], object id (0 where nothing), the target's face, normal."""
 
     distance_m: Float[np.ndarray, " n"]
     object_id: UInt32[np.ndarray, " n"]
-    triangle: UInt32[np.ndarray, " n"]
+    face_id: UInt32[np.ndarray, " n"]
     normal: Float[np.ndarray, "n 3"]
 
 
@@ -90,34 +67,113 @@ def choose_variant(wanted: str | None = None) -> str:
     raise RuntimeError(f"mitsuba runs none of {', '.join(candidates)} on this machine")
 
 
+def target_solids(scene: Scene) -> list[Solid]:
+    """Return the target's meshes, placed."""
+    pose = scene.target.world_from_target
+    return [Solid(TARGET_ID, part, pose) for part in scene.target.parts]
+
+
+def _object_solids(scene: Scene) -> list[Solid]:
+    return [
+        Solid(item.object_id, part, item.world_from_object)
+        for item in scene.objects
+        for part in item.shape.parts
+    ]
+
+
 class World:
-    """A scene as the renderer holds it."""
+    """A scene as the renderer holds it.
+
+    Attributes
+    ----------
+    paths : int
+        How many paths were traced for its radiance.
+    seconds : float
+        How long that took.
+    """
+
+    paths = 0
+    seconds = 0.0
 
     def __init__(
         self,
         solids: list[Solid],
-        surfaces: tuple[Surface, ...],
-        first_surface_id: int,
-        light: Light | None,
-        max_depth: int,
+        surfaces: tuple[Surface, ...] = (),
+        light: Light | None = None,
+        max_depth: int = 1,
     ) -> None:
+        """Hand meshes, textured rectangles and light to the renderer.
+
+        Parameters
+        ----------
+        solids : list[Solid]
+            Meshes in the world.
+        surfaces : tuple[Surface, ...]
+            Rectangles; surface i gets the object id `FIRST_SURFACE_ID` + i.
+        light : Light or None
+            Sky and lamps; without them only visibility can be asked.
+        max_depth : int
+            Longest path; 2 is direct light.
+        """
+        self._ids: dict[str, tuple[int, int]] = {}  # shape: its object id and face
+        self._shapes: dict[str, Any] = {}
+        for index, solid in enumerate(solids):
+            face = NO_FACE if solid.part.face is None else solid.part.face
+            self._add(f"solid{index}", _mesh(f"solid{index}", solid), solid.object_id, face)
+        for index, surface in enumerate(surfaces):
+            shape = mi.load_dict(_rectangle(f"surface{index}", surface))
+            self._add(f"surface{index}", shape, FIRST_SURFACE_ID + index, NO_FACE)
         description: dict[str, Any] = {
             "type": "scene",
             # Measured on the paper's scene: variance times time is the same for 2, 3 and 5.
             "integrator": {"type": "path", "max_depth": max_depth, "rr_depth": 3},
+            **self._shapes,
         }
-        self._id_of_shape: dict[str, int] = {}
-        for index, solid in enumerate(solids):
-            name = f"solid{index}"
-            description[name] = _mesh(name, solid)
-            self._id_of_shape[name] = solid.object_id
-        for index, surface in enumerate(surfaces):
-            name = f"surface{index}"
-            description[name] = _rectangle(name, surface)
-            self._id_of_shape[name] = first_surface_id + index
         if light is not None:
-            description.update(_lights(light))
+            description.update(_sky(light))
+            for index, lamp in enumerate(light.lamps):
+                description[f"lamp{index}"] = _lamp(lamp)
         self._scene = mi.load_dict(description)
+
+    @classmethod
+    def of(cls, scene: Scene, max_depth: int) -> World:
+        """Return a scene as the renderer holds it."""
+        return cls(
+            target_solids(scene) + _object_solids(scene), scene.surfaces, scene.light, max_depth
+        )
+
+    def _add(self, name: str, shape: Any, object_id: int, face: int) -> None:
+        self._shapes[name] = shape
+        self._ids[name] = object_id, face
+
+    def without(self, object_id: int) -> World:
+        """Return what is left without an object, in the dark."""
+        left = {
+            name: shape for name, shape in self._shapes.items() if self._ids[name][0] != object_id
+        }
+        return self._in_the_dark(left)
+
+    def _in_the_dark(self, shapes: dict[str, Any]) -> World:
+        dark = World.__new__(World)
+        dark._ids, dark._shapes = self._ids, shapes
+        integrator = {"type": "path", "max_depth": 1}
+        dark._scene = mi.load_dict({"type": "scene", "integrator": integrator, **shapes})
+        return dark
+
+    def shining(self, solids: list[tuple[Solid, Rgb]]) -> World:
+        """Return the same geometry in the dark, but for some of its meshes, which shine.
+
+        What is rendered of it is their coverage: the share of each film cell they are seen in.
+
+        Parameters
+        ----------
+        solids : list[tuple[Solid, Rgb]]
+            First meshes of this world, in its order, and the radiance of each.
+        """
+        shapes = dict(self._shapes)
+        for index, (solid, radiance) in enumerate(solids):
+            shapes[f"solid{index}"] = _mesh(f"solid{index}", solid, radiance)
+        return self._in_the_dark(shapes)
 
     def radiance(
         self,
@@ -127,6 +183,7 @@ class World:
         window: tuple[int, int, int, int],
         samples: int,
         seed: int,
+        lens: Lens | None = None,
     ) -> Float[np.ndarray, "h w 3"]:
         """Render linear radiance on the film cells of a window of the sensor.
 
@@ -142,12 +199,21 @@ class World:
             Paths per film cell.
         seed : int
             Seed of the sampler.
+        lens : Lens or None
+            The camera's lens; a pinhole where it has none.
         """
         x0, y0, x1, y1 = (oversampling * edge for edge in window)
         flipped = world_from_camera @ np.diag([-1.0, -1.0, 1.0, 1.0])  # Mitsuba: x left, y up
+        kind: dict[str, Any] = {"type": "perspective"}
+        if lens is not None:
+            kind = {
+                "type": "thinlens",
+                "aperture_radius": lens.aperture_radius_m,
+                "focus_distance": lens.focus_distance_m,
+            }
         sensor = mi.load_dict(
             {
-                "type": "perspective",
+                **kind,
                 "fov": float(np.rad2deg(2.0 * np.arctan(0.5 * camera.width / camera.fx_px))),
                 "fov_axis": "x",
                 "to_world": mi.ScalarTransform4f(flipped),
@@ -166,7 +232,11 @@ class World:
                 "sampler": {"type": "multijitter", "sample_count": samples},
             }
         )
-        return np.array(mi.render(self._scene, sensor=sensor, spp=samples, seed=seed))
+        started_s = time.monotonic()
+        image = np.array(mi.render(self._scene, sensor=sensor, spp=samples, seed=seed))
+        self.seconds += time.monotonic() - started_s
+        self.paths += (x1 - x0) * (y1 - y0) * samples
+        return image
 
     def occluded(
         self, origin: Float[np.ndarray, "3"], points: Float[np.ndarray, "n 3"]
@@ -198,17 +268,20 @@ class World:
         found = self._scene.ray_intersect(rays)
         valid = np.array(found.is_valid())
         shape_index = np.array(drjit.reinterpret_array(mi.UInt32, found.shape))
-        ids = np.zeros(int(shape_index.max(initial=0)) + 1, dtype=np.uint32)
+        ids = np.zeros((int(shape_index.max(initial=0)) + 1, 2), dtype=np.uint32)
         for shape in self._scene.shapes():
             index = np.array(drjit.reinterpret_array(mi.UInt32, mi.ShapePtr(shape)))[0]
             if index < len(ids):
-                ids[index] = self._id_of_shape.get(shape.id(), 0)
+                ids[index] = self._ids_of(shape)
         return Hits(
             distance_m=np.where(valid, np.array(found.t, dtype=np.float64), 0.0),
-            object_id=np.where(valid, ids[shape_index], 0).astype(np.uint32),
-            triangle=np.where(valid, np.array(found.prim_index), 0).astype(np.uint32),
+            object_id=np.where(valid, ids[shape_index, 0], 0).astype(np.uint32),
+            face_id=np.where(valid, ids[shape_index, 1], NO_FACE).astype(np.uint32),
             normal=np.where(valid[:, None], np.array(found.n, dtype=np.float64).T, 0.0),
         )
+
+    def _ids_of(self, shape: Any) -> tuple[int, int]:
+        return self._ids.get(shape.id(), (0, NO_FACE))  # a lamp has no id
 
     def _first_hits_one_by_one(
         self, origin: Float[np.ndarray, "3"], directions: Float[np.ndarray, "n 3"]
@@ -217,15 +290,14 @@ class World:
         hits = Hits(
             np.zeros(count),
             np.zeros(count, dtype=np.uint32),
-            np.zeros(count, dtype=np.uint32),
+            np.full(count, NO_FACE, dtype=np.uint32),
             np.zeros((count, 3)),
         )
         for index, direction in enumerate(directions):
             found = self._scene.ray_intersect(mi.Ray3f(origin, direction))
             if found.is_valid():
                 hits.distance_m[index] = found.t
-                hits.object_id[index] = self._id_of_shape.get(found.shape.id(), 0)
-                hits.triangle[index] = found.prim_index
+                hits.object_id[index], hits.face_id[index] = self._ids_of(found.shape)
                 hits.normal[index] = np.array(found.n)
         return hits
 
@@ -234,8 +306,7 @@ class Occluder:
     """One object's shape, built once, asked from any pose: what placing objects needs."""
 
     def __init__(self, parts: tuple[Part, ...]) -> None:
-        solids = [Solid(0, part, np.eye(4)) for part in parts]
-        self._world = World(solids, (), 0, None, 1)
+        self._world = World([Solid(0, part, np.eye(4)) for part in parts])
 
     def hides(
         self,
@@ -253,29 +324,62 @@ def _vector(kind: Any, values: Float[np.ndarray, "..."]) -> Any:
     return kind(*(np.ascontiguousarray(values[..., axis], dtype=np.float32) for axis in range(3)))
 
 
-def _bsdf(material: Material) -> dict[str, Any]:
-    reflectance = {"type": "rgb", "value": list(material.colour)}
-    if material.roughness is None:
-        bsdf: dict[str, Any] = {"type": "diffuse", "reflectance": reflectance}
-    else:
-        bsdf = {
-            "type": "roughplastic",
-            "distribution": "ggx",
-            "alpha": material.roughness,
-            "diffuse_reflectance": reflectance,
+def _bitmap(texture: Texture, repeats: tuple[float, float]) -> dict[str, Any]:
+    return {
+        "type": "bitmap",
+        "bitmap": mi.Bitmap(np.ascontiguousarray(texture, dtype=np.float32)),
+        "raw": True,
+        "wrap_mode": "clamp" if repeats == (1.0, 1.0) else "repeat",
+        "to_uv": mi.ScalarTransform4f(np.diag([*repeats, 1.0, 1.0])),
+    }
+
+
+def _bsdf(
+    reflectance: dict[str, Any], roughness: float | None, metallic: float = 0.0
+) -> dict[str, Any]:
+    if metallic > 0.0:
+        return {
+            "type": "principled",
+            "base_color": reflectance,
+            "metallic": metallic,
+            "roughness": 0.3 if roughness is None else roughness,
+            "clearcoat": 1.0,
+            "clearcoat_gloss": 0.9,
         }
+    if roughness is None:
+        return {"type": "diffuse", "reflectance": reflectance}
+    return {
+        "type": "roughplastic",
+        "distribution": "ggx",
+        "alpha": roughness,
+        "diffuse_reflectance": reflectance,
+    }
+
+
+def _bsdf_of(material: Material) -> dict[str, Any]:
+    reflectance = {"type": "rgb", "value": list(material.colour)}
+    if material.texture is not None:
+        reflectance = _bitmap(material.texture, (1.0, 1.0))
+    bsdf = _bsdf(reflectance, material.roughness, material.metallic)
     return {"type": "twosided", "bsdf": bsdf} if material.two_sided else bsdf
 
 
-def _mesh(name: str, solid: Solid) -> Any:
+def _mesh(name: str, solid: Solid, radiance: Rgb | None = None) -> Any:
+    """Return a mesh with its material, or one that shines where a radiance is given."""
     part = solid.part
     properties = mi.Properties()
-    properties["bsdf"] = mi.load_dict(_bsdf(part.material))
+    if radiance is None:
+        properties["bsdf"] = mi.load_dict(_bsdf_of(part.material))
+    else:
+        properties["bsdf"] = mi.load_dict({"type": "diffuse"})
+        shine = {"type": "area", "radiance": {"type": "rgb", "value": list(radiance)}}
+        properties["emitter"] = mi.load_dict(shine)
     mesh = mi.Mesh(
         name,
         vertex_count=len(part.vertices),
         face_count=len(part.triangles),
         has_vertex_normals=part.smooth,
+        has_vertex_texcoords=part.uv is not None,
         props=properties,
     )
     mesh.set_id(name)
@@ -283,11 +387,16 @@ def _mesh(name: str, solid: Solid) -> Any:
     positions = transformed(solid.world_from_object, part.vertices)
     parameters["vertex_positions"] = positions.astype(np.float32).ravel()
     parameters["faces"] = part.triangles.astype(np.uint32).ravel()
+    if part.uv is not None:
+        parameters["vertex_texcoords"] = part.uv.astype(np.float32).ravel()
     parameters.update()
     if part.smooth:
         # After the positions, whose update makes normals of its own: in parallel, so that their
         # last bits, and with them whole paths, would differ from run to run.
-        normals = vertex_normals(positions, part.triangles)
+        if part.normals is None:
+            normals = vertex_normals(positions, part.triangles)
+        else:
+            normals = part.normals @ solid.world_from_object[:3, :3].T
         parameters["vertex_normals"] = normals.astype(np.float32).ravel()
         parameters.update()
     return mesh
@@ -301,49 +410,45 @@ def _rectangle(name: str, surface: Surface) -> dict[str, Any]:
     matrix[:3, 0], matrix[:3, 1] = along, up
     matrix[:3, 2] = normal / np.linalg.norm(normal)
     matrix[:3, 3] = first + along + up
-    texture = {
-        "type": "bitmap",
-        "bitmap": mi.Bitmap(np.ascontiguousarray(surface.texture, dtype=np.float32)),
-        "raw": True,
-    }
-    bsdf: dict[str, Any] = {"type": "diffuse", "reflectance": texture}
-    if surface.roughness is not None:
-        bsdf = {
-            "type": "roughplastic",
-            "distribution": "ggx",
-            "alpha": surface.roughness,
-            "diffuse_reflectance": texture,
-        }
     return {
         "type": "rectangle",
         "id": name,
         "to_world": mi.ScalarTransform4f(matrix),
-        "bsdf": bsdf,
+        "bsdf": _bsdf(_bitmap(surface.texture, surface.repeats), surface.roughness),
     }
 
 
-def _lights(light: Light) -> dict[str, Any]:
+def _sky(light: Light) -> dict[str, Any]:
+    if max(*light.zenith, *light.horizon, *light.nadir) == 0.0:
+        return {}
     elevation = np.linspace(np.pi / 2, -np.pi / 2, 64)  # rows of the map from zenith to nadir
-    blend = np.clip(np.sin(elevation), 0.0, 1.0)[:, None]
-    sky = (1.0 - blend) * np.array(light.sky_horizon) + blend * np.array(light.sky_zenith)
-    sky[elevation < 0.0] = 0.0  # below the floor: no path may be wasted on it
+    blend = np.abs(np.sin(elevation))[:, None]
+    pole = np.where(elevation[:, None] > 0.0, np.array(light.zenith), np.array(light.nadir))
+    sky = (1.0 - blend) * np.array(light.horizon) + blend * pole
+    if max(light.nadir) == 0.0:
+        sky[elevation < 0.0] = 0.0  # below the floor: no path may be wasted on it
     pixels = np.repeat(sky[:, None, :], 128, axis=1).astype(np.float32)
-    towards_aim = looking_at(np.array(light.area_position_m), np.array(light.aim_m))
-    scale = np.diag([0.5 * light.area_size_m, 0.5 * light.area_size_m, 1.0, 1.0])
     upright = np.array([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]], dtype=np.float64)
     return {
         "sky": {
             "type": "envmap",
             "bitmap": mi.Bitmap(pixels),
             "to_world": mi.ScalarTransform4f(upright),  # Mitsuba's maps have y up
-        },
-        "area": {
-            "type": "rectangle",
-            "id": "area",
-            "to_world": mi.ScalarTransform4f(towards_aim @ scale),
-            "emitter": {
-                "type": "area",
-                "radiance": {"type": "rgb", "value": [light.area_radiance] * 3},
-            },
-        },
+        }
+    }
+
+
+def _lamp(lamp: Lamp) -> dict[str, Any]:
+    strength = {"type": "rgb", "value": list(lamp.strength)}
+    if lamp.kind == "point":
+        return {"type": "point", "position": list(lamp.position_m), "intensity": strength}
+    if lamp.kind == "sun":
+        towards = np.array(lamp.aim_m) - np.array(lamp.position_m)
+        return {"type": "directional", "direction": towards.tolist(), "irradiance": strength}
+    towards_aim = looking_at(np.array(lamp.position_m), np.array(lamp.aim_m))
+    scale = np.diag([0.5 * lamp.size_m, 0.5 * lamp.size_m, 1.0, 1.0])
+    return {
+        "type": "rectangle",
+        "to_world": mi.ScalarTransform4f(towards_aim @ scale),
+        "emitter": {"type": "area", "radiance": strength},
     }

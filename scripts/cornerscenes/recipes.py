@@ -1,241 +1,367 @@
-"""Suites and scene families: the TOML files under ``scenes``, read strictly.
-
-An unknown key, a wrong type or a value out of range is an error that names the file, the key, what
-was found, what is allowed and the nearest known name.
-"""
+"""Families and suites of scenes: what their TOML files hold."""
 
 from __future__ import annotations
 
-import difflib
 import math
-import tomllib
-from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar
+from collections import Counter
+from dataclasses import dataclass
+from typing import Annotated, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, model_validator
 
+from cornerscenes.streams import Factors
+from cornerscenes.tables import (
+    FieldOfView,
+    Names,
+    NotNegative,
+    Point,
+    Positive,
+    PositiveRange,
+    Range,
+    SceneName,
+    Split,
+    Table,
+    Unit,
+    UnitRange,
+)
 
-class RecipeError(Exception):
-    """A recipe that cannot be used; the message names file, key, found, allowed."""
+# In a group of scenes dev and test take turns.
+SPLITS: tuple[Split, ...] = ("dev", "test")
 
-
-class _Table(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
-
-
-Recipe = TypeVar("Recipe", bound=_Table)
-
-Positive = Annotated[float, Field(gt=0.0, strict=False)]
-Real = Annotated[float, Field(strict=False)]
-Unit = Annotated[float, Field(ge=0.0, le=1.0, strict=False)]
-Colour = Annotated[tuple[Unit, Unit, Unit], Field(strict=False)]
-Point = Annotated[tuple[Real, Real, Real], Field(strict=False)]
-
-
-def _ordered(bounds: tuple[float, float]) -> tuple[float, float]:
-    if bounds[0] > bounds[1]:
-        raise ValueError(f"[{bounds[0]}, {bounds[1]}]: must be [low, high]")
-    return bounds
-
-
-Range = Annotated[tuple[Real, Real], Field(strict=False), AfterValidator(_ordered)]
-PositiveRange = Annotated[tuple[Positive, Positive], Field(strict=False), AfterValidator(_ordered)]
-UnitRange = Annotated[tuple[Unit, Unit], Field(strict=False), AfterValidator(_ordered)]
+# How near a scene's visible fraction must come to the one that is drawn for it.
+NEAR = 0.02
 
 
-class CameraRecipe(_Table):
+class LensRecipe(Table):
+    """A thin lens; without one the camera is a pinhole."""
+
+    aperture_radius_m: Annotated[PositiveRange, Field(description="radius of the aperture")]
+    focus_offset_m: Annotated[
+        Range, Field(description="how far behind the target's centre the plane in focus lies")
+    ] = (0.0, 0.0)
+
+
+class CameraRecipe(Table):
     """The colour camera."""
 
-    width: Annotated[int, Field(ge=16, le=8192)]
-    height: Annotated[int, Field(ge=16, le=8192)]
-    horizontal_field_of_view_deg: Annotated[float, Field(ge=1.0, le=150.0, strict=False)]
+    width: Annotated[int, Field(ge=16, le=8192, description="pixels")]
+    height: Annotated[int, Field(ge=16, le=8192, description="pixels")]
+    horizontal_field_of_view_deg: FieldOfView
+    lens: LensRecipe | None = None
 
 
-class RangeSensorRecipe(_Table):
-    """The range sensor; it shares the camera's pose and field of view."""
+class RangeSensorRecipe(Table):
+    """The range sensor, parallel to the colour camera."""
 
-    width: Annotated[int, Field(ge=1, le=4096)]
-    height: Annotated[int, Field(ge=1, le=4096)]
-
-
-class PoseRecipe(_Table):
-    """Where a camera stands and what it looks at."""
-
-    position_m: Point
-    looks: Literal["down", "at target"]
-    jitter_m: Annotated[float, Field(ge=0.0, le=1.0, strict=False)] = 0.0
+    width: Annotated[int, Field(ge=1, le=4096, description="cells")]
+    height: Annotated[int, Field(ge=1, le=4096, description="cells")]
+    horizontal_field_of_view_deg: FieldOfView
+    position_in_camera_m: Annotated[
+        Point, Field(description="where it stands in the colour camera's frame")
+    ] = (0.0, 0.0, 0.0)
 
 
-class RoomRecipe(_Table):
-    """Two walls and a floor."""
+class PoseRecipe(Table):
+    """Where a camera stands, at a position or about the target, and what it looks at."""
 
-    wall_x_m: Range
-    wall_y_m: Range
-    extent_m: Annotated[float, Field(ge=0.5, le=20.0, strict=False)]
-    height_m: Annotated[float, Field(ge=0.1, le=20.0, strict=False)]
+    looks: Annotated[
+        Literal["down", "at target"],
+        Field(
+            description="down, world y upwards in the image; or level and at the target's centre"
+        ),
+    ]
+    position_m: Annotated[Point | None, Field(description="a position in the world")] = None
+    jitter_m: Annotated[
+        float, Field(ge=0.0, le=1.0, strict=False, description="largest shift of it on each axis")
+    ] = 0.0
+    azimuth_deg: Annotated[
+        Range | None, Field(description="bearing of the camera from the target, from x towards y")
+    ] = None
+    elevation_deg: Annotated[
+        Range | None, Field(description="elevation of the camera seen from the target")
+    ] = None
+    distance_m: Annotated[
+        PositiveRange | None, Field(description="distance of the camera from the target's centre")
+    ] = None
+    across_px: Annotated[
+        PositiveRange | None,
+        Field(description="in place of the distance: length of the target's diagonal in the image"),
+    ] = None
+    off_centre: Annotated[
+        float,
+        Field(
+            ge=0.0,
+            le=0.45,
+            strict=False,
+            description="largest shift of the target from the middle, as a share of the image",
+        ),
+    ] = 0.0
+
+    @model_validator(mode="after")
+    def _one_way(self) -> PoseRecipe:
+        orbit = (self.azimuth_deg, self.elevation_deg)
+        if self.position_m is not None:
+            if any(value is not None for value in (*orbit, self.distance_m, self.across_px)):
+                raise ValueError(
+                    "has position_m, so it has no azimuth_deg, elevation_deg, distance_m, across_px"
+                )
+        elif None in orbit or (self.distance_m is None) == (self.across_px is None):
+            raise ValueError(
+                "must have position_m, or azimuth_deg, elevation_deg and either distance_m or "
+                "across_px"
+            )
+        elif self.looks == "down":
+            raise ValueError("looks down, so it must have position_m")
+        return self
 
 
-class TargetRecipe(_Table):
-    """The cuboid; each dimension is drawn from its own range."""
+class RoomRecipe(Table):
+    """A floor and two walls that meet in a corner."""
 
-    length_m: PositiveRange
-    width_m: PositiveRange
-    height_m: PositiveRange
+    backgrounds: Annotated[Names, Field(description="names in backgrounds.toml; one is drawn")]
+    wall_x_m: Annotated[Range, Field(description="where the wall across x stands")]
+    wall_y_m: Annotated[Range, Field(description="where the wall across y stands")]
+    extent_m: Annotated[
+        float, Field(ge=0.5, le=100.0, strict=False, description="how far floor and walls reach")
+    ]
+    height_m: Annotated[
+        float, Field(ge=0.1, le=100.0, strict=False, description="height of the walls")
+    ]
+    red_stripe_m: Annotated[
+        Range | None, Field(description="lower and upper edge of a red stripe on one of the walls")
+    ] = None
+
+
+class BoardRecipe(Table):
+    """A checkerboard in place of the cuboid; its margin is one square wide."""
+
+    columns: Annotated[int, Field(ge=3, le=99, description="squares along x, odd")]
+    rows: Annotated[int, Field(ge=3, le=99, description="squares along y, odd")]
+    square_m: Annotated[PositiveRange, Field(description="side of a square")]
+
+    @model_validator(mode="after")
+    def _odd(self) -> BoardRecipe:
+        for key in ("columns", "rows"):
+            if getattr(self, key) % 2 == 0:
+                raise ValueError(
+                    f"{key} is {getattr(self, key)}, must be odd: all four outer squares are black"
+                )
+        return self
+
+
+class TargetRecipe(Table):
+    """The target: a cuboid, each dimension drawn from its own range, or a checkerboard."""
+
+    materials: Annotated[Names, Field(description="names in materials.toml; one is drawn")]
+    other_materials: Annotated[
+        tuple[str, ...], Field(strict=False, description="names of materials that are not red")
+    ] = ()
+    other_share: Annotated[Unit, Field(description="share of scenes with one of them")] = 0.0
+    length_m: Annotated[PositiveRange | None, Field(description="along the cuboid's x")] = None
+    width_m: Annotated[PositiveRange | None, Field(description="along the cuboid's y")] = None
+    height_m: Annotated[PositiveRange | None, Field(description="along the cuboid's z")] = None
+    board: BoardRecipe | None = None
+    bevel_px: Annotated[
+        tuple[NotNegative, NotNegative] | None,
+        Field(strict=False, description="radius of the cuboid's edges, in the image"),
+    ] = None
     position_x_m: Range
     position_y_m: Range
-    yaw_deg: Range
-    colour: Colour
-    roughness: Annotated[float, Field(gt=0.0, le=1.0, strict=False)]
+    lift_m: Annotated[Range, Field(description="height of its lowest point above the floor")] = (
+        0.0,
+        0.0,
+    )
+    yaw_deg: Annotated[Range, Field(description="turn about the vertical")]
+    tilt_deg: Annotated[Range, Field(description="before that: turn about its own x axis")] = (
+        0.0,
+        0.0,
+    )
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> TargetRecipe:
+        sides = (self.length_m, self.width_m, self.height_m)
+        if self.board is not None:
+            if any(value is not None for value in (*sides, self.bevel_px)):
+                raise ValueError("is a board, so it has no length_m, width_m, height_m, bevel_px")
+        elif None in sides:
+            raise ValueError("must have length_m, width_m and height_m, or a table board")
+        if self.other_share > 0.0 and not self.other_materials:
+            raise ValueError(f"has other_share = {self.other_share}, so it needs other_materials")
+        return self
 
 
-class ObjectRecipe(_Table):
+class ObjectRecipe(Table):
     """One object beside the target: an occluder stands between it and the camera."""
 
-    builders: Annotated[tuple[str, ...], Field(min_length=1, strict=False)]
+    builders: Annotated[Names, Field(description="kinds of object; one is drawn")]
     height_m: PositiveRange
-    role: Literal["occluder", "bystander"]
+    role: Annotated[
+        Literal["occluder", "bystander", "distractor"],
+        Field(description="between target and camera; about the target; beside it and in view"),
+    ]
+    share: Annotated[Unit, Field(description="share of scenes that have it")] = 1.0
 
 
-class LightRecipe(_Table):
-    """Sky light and one square area light that faces the target."""
-
-    sky_zenith: Annotated[tuple[Positive, Positive, Positive], Field(strict=False)]
-    sky_horizon: Annotated[tuple[Positive, Positive, Positive], Field(strict=False)]
-    area_radiance: PositiveRange
-    area_size_m: Positive
-    area_position_m: Point
-    area_jitter_m: Annotated[float, Field(ge=0.0, le=1.0, strict=False)]
-
-
-class Family(_Table):
+class Family(Table):
     """A kind of scene: ranges from which its scenes are drawn."""
 
     summary: str
     camera: CameraRecipe
     range_sensor: RangeSensorRecipe
     poses: Annotated[dict[str, PoseRecipe], Field(min_length=1)]
-    room: RoomRecipe
+    room: RoomRecipe | None = None
     target: TargetRecipe
-    objects: Annotated[tuple[ObjectRecipe, ...], Field(strict=False)]
-    light: LightRecipe
+    objects: Annotated[tuple[ObjectRecipe, ...], Field(strict=False)] = ()
+    lights: Annotated[Names, Field(description="names in lights.toml; one is drawn")]
 
 
-class FilmRecipe(_Table):
+class FilmRecipe(Table):
     """How finely a suite is rendered."""
 
-    oversampling: Annotated[int, Field(ge=1, le=16)]
-    fovea_samples: Annotated[int, Field(ge=4, le=65536)]
-    periphery_samples: Annotated[int, Field(ge=4, le=65536)]
-    passes: Annotated[int, Field(ge=2, le=64)]
-    margin_px: Annotated[int, Field(ge=0, le=512)]
-    max_depth: Annotated[int, Field(ge=1, le=64)]
+    oversampling: Annotated[int, Field(ge=1, le=16, description="film cells per pixel, S")]
+    periphery_samples: Annotated[
+        int, Field(ge=4, le=65536, description="paths per pixel outside the target's box")
+    ]
+    fovea_samples: Annotated[
+        int, Field(ge=4, le=65536, description="paths per film cell in the target's box")
+    ]
+    corner_samples: Annotated[
+        int, Field(ge=4, le=65536, description="paths per film cell and pass about the corners")
+    ]
+    corner_passes: Annotated[
+        int, Field(ge=2, le=64, description="most passes about a corner; 2 are always made")
+    ]
+    noise_floor_px: Annotated[
+        Positive, Field(description="passes end when the render noise floor is as low as this")
+    ]
+    margin_px: Annotated[int, Field(ge=0, le=512, description="margin of the target's box")]
+    max_depth: Annotated[int, Field(ge=1, le=64, description="longest path; 2 is direct light")]
 
     @model_validator(mode="after")
     def _power_of_four(self) -> FilmRecipe:
         # A square number, because the multi-jittered sampler rounds all others. A power of two,
         # because then no film cell's samples are split between threads, whose sums would differ
-        # in the last bit from run to run.
-        for key in ("fovea_samples", "periphery_samples"):
+        # in the last bit from run to run. Two passes of the first two, for their variance.
+        for key, passes in (("periphery_samples", 2), ("fovea_samples", 2), ("corner_samples", 1)):
             samples = getattr(self, key)
-            exponent = max(1, round(math.log(samples / self.passes, 4)))
-            nearest = self.passes * 4**exponent
+            nearest = passes * 4 ** max(1, round(math.log(samples / passes, 4)))
             if samples != nearest:
                 raise ValueError(
-                    f"{key} is {samples}, must be passes ({self.passes}) times a power of four; "
-                    f"near: {nearest}"
+                    f"{key} is {samples}, must be {'twice ' if passes == 2 else ''}a power of "
+                    f"four; near: {nearest}"
                 )
         return self
 
 
-class SceneRecipe(_Table):
-    """One scene of a suite."""
+class ExplicitScene(Table):
+    """One scene, described by itself; its name draws it."""
 
-    name: Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9-]{0,63}$")]
+    name: SceneName
     family: str
-    pose: str
-    visible_fraction: UnitRange
+    pose: Annotated[
+        str | None, Field(description="a pose of the family; drawn where not given")
+    ] = None
+    split: Split
+    visible_fraction: Annotated[
+        UnitRange | None,
+        Field(description="share of the target's image that other objects leave free"),
+    ] = None
 
 
-class Suite(_Table):
+class SceneGroup(Table):
+    """Scenes of one family, drawn evenly over its factors, dev and test by turns."""
+
+    family: str
+    scenes: Annotated[int, Field(ge=1, le=65_536, description="how many")]
+    poses: Annotated[
+        tuple[str, ...], Field(strict=False, description="poses to draw from; all if empty")
+    ] = ()
+    visible_fraction: Annotated[
+        UnitRange | None,
+        Field(description="range from which each scene draws the share that is to be seen"),
+    ] = None
+
+    def names(self) -> list[str]:
+        """Return the names of the scenes."""
+        return [f"{self.family}-{index:04}" for index in range(self.scenes)]
+
+    def expanded(self, suite: str) -> list[SceneRecipe]:
+        """Return the scenes: of each range their factors share it out evenly."""
+        found = []
+        for index, name in enumerate(self.names()):
+            # Each split shares out the ranges by itself.
+            place, split = index // len(SPLITS), SPLITS[index % len(SPLITS)]
+            group = f"{self.family}/{split}"
+            fraction = None
+            if self.visible_fraction is not None:
+                wanted = Factors(f"{suite}/{group}", place).within(
+                    "visible_fraction", self.visible_fraction
+                )
+                fraction = max(0.0, wanted - NEAR), min(1.0, wanted + NEAR)
+            found.append(SceneRecipe(name, self.family, self.poses, split, fraction, group, place))
+        return found
+
+
+@dataclass(frozen=True)
+class SceneRecipe:
+    """One scene of a suite.
+
+    Attributes
+    ----------
+    name, family : str
+        Its name and its family's.
+    poses : tuple[str, ...]
+        Poses of the family to draw from; all of them where it is empty.
+    split : Split
+        Which entries of the libraries it may take.
+    visible_fraction : tuple[float, float] or None
+        Bounds of the share of the target's image that other objects leave free.
+    group : str
+        With the suite it names the sequences that its factors are points of.
+    index : int
+        Which points.
+    """
+
+    name: str
+    family: str
+    poses: tuple[str, ...]
+    split: Split
+    visible_fraction: tuple[float, float] | None
+    group: str
+    index: int
+
+
+class Suite(Table):
     """A list of scenes to render, and how."""
 
     summary: str
     film: FilmRecipe
-    scenes: Annotated[tuple[SceneRecipe, ...], Field(min_length=1, strict=False)]
+    scenes: Annotated[tuple[ExplicitScene, ...], Field(strict=False)] = ()
+    groups: Annotated[tuple[SceneGroup, ...], Field(strict=False)] = ()
 
     @model_validator(mode="after")
     def _distinct(self) -> Suite:
         names = [scene.name for scene in self.scenes]
-        twice = sorted({name for name in names if names.count(name) > 1})
+        names += [name for group in self.groups for name in group.names()]
+        twice = sorted({name for name, count in Counter(names).items() if count > 1})
         if twice:
-            raise ValueError(f"names of scenes must differ, found twice: {', '.join(twice)}")
+            raise ValueError(f"names of scenes must differ, found twice: {', '.join(twice[:8])}")
+        if not names:
+            raise ValueError("has no scenes: add a table [[scenes]] or [[groups]]")
         return self
 
-
-def read(kind: type[Recipe], path: Path) -> Recipe:
-    """Read one recipe.
-
-    Parameters
-    ----------
-    kind : type
-        `Family` or `Suite`.
-    path : Path
-        Its TOML file.
-
-    Raises
-    ------
-    RecipeError
-        When the file is missing, is not TOML, or holds what the kind does not allow.
-    """
-    try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise RecipeError(unknown_name(path.parent, path.stem, known(path.parent))) from None
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise RecipeError(f"{path}: {error}") from error
-    try:
-        return kind.model_validate(table)
-    except ValidationError as error:
-        lines = [f"{path}: {_explain(item, kind)}" for item in error.errors(include_url=False)]
-        raise RecipeError("\n".join(lines)) from None
-
-
-def known(folder: Path) -> list[str]:
-    """Return the names of the recipes in a folder, sorted."""
-    return sorted(file.stem for file in folder.glob("*.toml"))
-
-
-def unknown_name(place: Path | str, found: str, names: list[str]) -> str:
-    """Return the sentence for a name that nothing answers to."""
-    near = difflib.get_close_matches(found, names, n=1)
-    hint = f"did you mean {near[0]!r}? " if near else ""
-    return f"{place}: unknown name {found!r}; {hint}known: {', '.join(names)}"
-
-
-def _explain(item: Any, kind: type[BaseModel]) -> str:
-    location = item["loc"]
-    key = ".".join(str(step) for step in location)
-    if item["type"] == "extra_forbidden":
-        return unknown_name(f"key {key}", str(location[-1]), _keys(kind, location[:-1]))
-    if item["type"] == "missing":
-        return f"{key} is missing"
-    if item["type"] == "value_error":
-        return f"{key} {item['ctx']['error']}".strip()
-    return f"{key} is {item['input']!r}: {item['msg'].removeprefix('Input ')}"
-
-
-def _keys(kind: type[BaseModel], location: tuple[str | int, ...]) -> list[str]:
-    """Return the keys that the table at a location may have."""
-    schema = kind.model_json_schema()
-    node: Any = schema
-    for step in location:
-        node = _resolved(schema, node)
-        if isinstance(step, int):
-            node = node["items"]
-        else:
-            node = node.get("properties", {}).get(step) or node.get("additionalProperties")
-    return sorted(_resolved(schema, node)["properties"])
-
-
-def _resolved(schema: Any, node: Any) -> Any:
-    return schema["$defs"][node["$ref"].rpartition("/")[2]] if "$ref" in node else node
+    def all_scenes(self, suite: str) -> list[SceneRecipe]:
+        """Return every scene of the suite of this name, in its order."""
+        explicit = [
+            SceneRecipe(
+                name=scene.name,
+                family=scene.family,
+                poses=() if scene.pose is None else (scene.pose,),
+                split=scene.split,
+                visible_fraction=scene.visible_fraction,
+                group=scene.name,
+                index=0,
+            )
+            for scene in self.scenes
+        ]
+        return explicit + [scene for group in self.groups for scene in group.expanded(suite)]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import os
 import sys
 import time
@@ -15,18 +16,9 @@ from functools import partial
 from pathlib import Path
 
 from cornerscenes.dataset import Dataset, DatasetError
-from cornerscenes.estimate import (
-    Cost,
-    CostLog,
-    Expectation,
-    estimate,
-    in_time,
-    kind_of,
-    probe,
-    to_probe,
-)
-from cornerscenes.recipes import RecipeError
+from cornerscenes.estimate import Cost, Expectation, estimate, probe, probes
 from cornerscenes.storage import StorageError, storage_at
+from cornerscenes.tables import RecipeError
 from cornerscenes.tasks import Setting, Task, choose_variant, render_one, selected, tasks_of
 from cornerscenes.workers import Stop, Workers, cores
 
@@ -91,7 +83,6 @@ class Rendering:
         self._chosen = selected(self._suite, options.scenes, options.shard)
         self._storage = storage_at(options.output)
         self._dataset = Dataset(self._storage, options.suite)
-        self._log = CostLog(self._storage)
         self._cores = options.threads or cores()
 
     def run(self) -> int:
@@ -145,23 +136,21 @@ class Rendering:
             for outcome in workers.run(partial(render_one, setting=setting), missing, started):
                 task, rendered = outcome.task, outcome.result
                 expectation.end(task, None if rendered is None else rendered.seconds)
-                left = {"left_s": expectation.left_s(time.monotonic())}
+                left_s = expectation.left_s(time.monotonic())
                 if rendered is None:
                     failed += 1
                     self._storage.remove_unfinished([task.name])
-                    self._tell_failed(task, outcome.problem, left)
+                    self._tell_failed(task, outcome.problem, left_s)
                     continue
                 waiting.discard(task.name)
                 self._publish(waiting)
-                cost = Cost(core_seconds=rendered.core_seconds, bytes=rendered.bytes)
-                self._log.note(task, setting.variant, cost)
                 self._tell(
                     {
                         "event": "done",
                         "scene": task.name,
                         "visible_fraction": rendered.visible_fraction,
                         "seconds": round(rendered.seconds, 3),
-                        **left,
+                        "left_s": left_s,
                     }
                 )
         return failed
@@ -169,44 +158,40 @@ class Rendering:
     def _estimate(self, missing: Sequence[Task]) -> int:
         """Say what rendering would take; return the exit code."""
         self._tell({"event": "start", "scenes": len(self._chosen), "missing": len(missing)})
-        if self._stop.requested:
-            return self._interrupted(len(missing))
+        if not missing:
+            self._tell({"event": "estimate", "missing": 0})
+            return ALL_DONE
+        probed: defaultdict[str, list[Cost]] = defaultdict(list)
+        failed = 0
         with Workers(SCENES_PER_WORKER, self._stop) as workers:
-            setting = self._begin(workers, len(missing)) if missing else None
-            rendered = self._log.costs(setting.variant) if setting else {}
-            probes = to_probe(missing, rendered)
-            probed: defaultdict[str, list[Cost]] = defaultdict(list)
-            failed = 0
-            if setting and probes:
-                self._tell({"event": "probing", "scenes": len({kind_of(task) for task in probes})})
-                work = partial(probe, variant=setting.variant, threads=setting.threads)
-                for outcome in workers.run(work, in_time(probes), self._tell_rendering):
+            setting = self._begin(workers, len(missing))
+            if setting is not None:
+                work = partial(probe, setting=setting)
+                for outcome in workers.run(work, probes(missing), self._tell_rendering):
                     if outcome.result is None:
                         failed += 1
-                        self._tell_failed(outcome.task, outcome.problem, {"left_s": None})
+                        self._tell_failed(outcome.task, outcome.problem, None)
                         continue
-                    probed[kind_of(outcome.task)].append(outcome.result)
+                    probed[outcome.task.scene.family].append(outcome.result)
                     self._tell({"event": "probed", "scene": outcome.task.name})
-            if self._stop.requested:
-                return self._interrupted(len(missing))
-            if missing and not rendered and not probed:
-                return SOME_FAILED
-            families, core_seconds, size_bytes = estimate(missing, rendered, probed)
-            threads = setting.threads if setting else 1
+        if setting is None or self._stop.requested:
+            return self._interrupted(len(missing))
+        if not probed:
+            return SOME_FAILED
+        families, seconds, size_bytes = estimate(missing, probed)
+        # A worker renders whole scenes: ten by four of them take three rounds.
+        rounds = math.ceil(len(missing) / workers.count)
         self._tell(
             {
                 "event": "estimate",
                 "missing": len(missing),
-                "variant": setting.variant if setting else None,
+                "variant": setting.variant,
                 "workers": workers.count,
-                "threads_per_worker": threads,
-                "seconds": asdict(core_seconds.divided_by(threads * workers.count)),
+                "threads_per_worker": setting.threads,
+                "seconds": asdict(seconds.times(rounds / len(missing))),
                 "bytes": asdict(size_bytes),
                 "free_bytes": self._storage.free_bytes(),
-                "families": [
-                    {**asdict(family), "seconds": family.core_seconds / threads}
-                    for family in families
-                ],
+                "families": [asdict(family) for family in families],
             }
         )
         return SOME_FAILED if failed else ALL_DONE
@@ -238,9 +223,9 @@ class Rendering:
     def _tell_rendering(self, task: Task) -> None:
         self._tell({"event": "rendering", "scene": task.name})
 
-    def _tell_failed(self, task: Task, problem: str | None, left: Mapping[str, object]) -> None:
+    def _tell_failed(self, task: Task, problem: str | None, left_s: float | None) -> None:
         what = {"scene": task.name, "key": task.key, "message": problem}
-        self._tell({"event": "failed", **what, **left})
+        self._tell({"event": "failed", **what, "left_s": left_s})
 
 
 def _event_channel(stop: Stop) -> Tell:

@@ -7,37 +7,51 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 from PIL import Image
 
 from cornerscenes import buffers, exr
+from cornerscenes.coverage import coverage
 from cornerscenes.dataset import FORMAT, write_json
-from cornerscenes.layout import TARGET_ID, Scene
+from cornerscenes.film import Film, FilmRenderer, binned, significant
+from cornerscenes.mitsuba_backend import World
 from cornerscenes.recipes import FilmRecipe, SceneRecipe
-from cornerscenes.truth import image_of, truth
+from cornerscenes.scene import TARGET_ID, Scene
+from cornerscenes.truth import add_from_film, seen_corners, truth
+
+# Significant bits of the film's radiance and of its variance. The radiance is rounded by 1e-4 of
+# itself; its noise per film cell is a hundred times that.
+_RADIANCE_BITS = 13
+_VARIANCE_BITS = 8
 
 
 def write(
-    folder: Path, scene: Scene, recipe: FilmRecipe, scene_recipe: SceneRecipe, key: str
+    folder: Path,
+    scene: Scene,
+    world: World,
+    recipe: FilmRecipe,
+    scene_recipe: SceneRecipe,
+    key: str,
 ) -> float:
     """Render a scene, write its files into a folder, return the target's visible fraction."""
-    world = scene.world(recipe.max_depth)
-    film = buffers.render_film(
-        scene, world, recipe, key, image_of(scene, scene.target.vertices_m())
-    )
-    geometry = buffers.cast_geometry(scene, world)
+    true = truth(scene, world)
+    film = FilmRenderer(scene, world, recipe, key).film(seen_corners(true))
     attributes = {
         "cornerbenchScene": key,
         "reconstructionFilter": "box",
         "colourSpace": "linear Rec. 709",
     }
+    radiance = significant(film.radiance, _RADIANCE_BITS)
+    variance = significant(film.variance, _VARIANCE_BITS)
     exr.write(
         folder / "film.exr",
-        (
-            exr.Layer("radiance", _rgb(film.radiance)),
-            exr.Layer("variance", _rgb(film.variance)),
-        ),
+        (exr.Layer("radiance", _rgb(radiance)), exr.Layer("variance", _rgb(variance))),
         attributes,
     )
+    if not film.fovea_px.is_empty:
+        covered = coverage(scene, world, recipe.oversampling, film.fovea_px, key)
+        exr.write(folder / "coverage.exr", (exr.Layer("coverage", _rgb(covered)),), attributes)
+    geometry = buffers.cast_geometry(scene, world)
     exr.write(
         folder / "geometry.exr",
         (
@@ -61,49 +75,63 @@ def write(
         (exr.Layer("range", dict(zip("XYZ", np.moveaxis(points, 2, 0), strict=True))),),
         attributes,
     )
-    true = truth(scene, world)
+    pixels = binned(film.radiance, recipe.oversampling)
+    add_from_film(true, pixels, film.variance)
     write_json(folder / "truth.json", true)
-    write_json(folder / "scene.json", description(scene, recipe, scene_recipe, key, film.fovea_px))
-    _preview(folder / "preview.png", film, recipe.oversampling)
+    write_json(folder / "scene.json", description(scene, recipe, scene_recipe, key, film))
+    _preview(folder / "preview.png", pixels)
     return true["target_visible_fraction"]
 
 
 def description(
-    scene: Scene,
-    recipe: FilmRecipe,
-    scene_recipe: SceneRecipe,
-    key: str,
-    fovea_px: tuple[int, int, int, int],
+    scene: Scene, recipe: FilmRecipe, scene_recipe: SceneRecipe, key: str, film: Film
 ) -> dict[str, Any]:
     """Return the content of scene.json: all that was resolved."""
+    target = scene.target
     return {
         "format": FORMAT,
         "key": key,
         "family": scene_recipe.family,
-        "pose": scene_recipe.pose,
+        "split": scene_recipe.split,
+        **scene.names,
         "camera": asdict(scene.camera),
-        "range_camera": asdict(scene.range_camera),
+        "lens": None if scene.lens is None else asdict(scene.lens),
         "world_from_camera": _rows(scene.world_from_camera),
+        "range_camera": asdict(scene.range_camera),
+        "world_from_range": _rows(scene.world_from_range),
         "film": {
             "oversampling": recipe.oversampling,
             "reconstruction_filter": "box",
-            "fovea_px": list(fovea_px),
+            "fovea_px": list(film.fovea_px),
             "fovea_samples": recipe.fovea_samples,
             "periphery_samples": recipe.periphery_samples,
-            "passes": recipe.passes,
+            "corner_windows": [
+                {"window_px": list(window), "samples": samples} for window, samples in film.windows
+            ],
             "max_depth": recipe.max_depth,
         },
         "target": {
             "object_id": TARGET_ID,
-            "size_m": list(scene.target.size_m),
-            "world_from_cuboid": _rows(scene.target.world_from_cuboid),
-            "colour": list(scene.target.material.colour),
-            "roughness": scene.target.material.roughness,
+            "kind": target.kind,
+            "size_m": list(target.size_m),
+            "bevel_radius_m": target.bevel_radius_m,
+            "is_red": scene.is_red,
+            "world_from_target": _rows(target.world_from_target),
+            "parts": [
+                {
+                    "name": part.name,
+                    "colour": list(part.material.colour),
+                    "roughness": part.material.roughness,
+                    "metallic": part.material.metallic,
+                }
+                for part in target.parts
+            ],
         },
         "objects": [
             {
                 "object_id": item.object_id,
                 "builder": item.builder,
+                "role": item.role,
                 "height_m": item.height_m,
                 "triangles": sum(len(part.triangles) for part in item.shape.parts),
                 "world_from_object": _rows(item.world_from_object),
@@ -126,10 +154,8 @@ def _rgb(image: np.ndarray) -> dict[str, np.ndarray]:
     return {name: image[..., channel] for channel, name in enumerate("RGB")}
 
 
-def _preview(path: Path, film: buffers.Film, scale: int) -> None:
-    height, width, _ = film.radiance.shape
-    cells = film.radiance.reshape(height // scale, scale, width // scale, scale, 3)
-    linear = np.clip(cells.mean(axis=(1, 3)), 0.0, 1.0)
+def _preview(path: Path, pixels: Float[np.ndarray, "h w 3"]) -> None:
+    linear = np.clip(pixels, 0.0, 1.0)
     encoded = np.where(
         linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 1e-9) ** (1 / 2.4) - 0.055
     )

@@ -9,6 +9,8 @@ from jaxtyping import Float, Int
 
 Rgb = tuple[float, float, float]
 
+Texture = Float[np.ndarray, "h w 3"]
+
 
 @dataclass(frozen=True)
 class Material:
@@ -23,11 +25,17 @@ class Material:
         leaf), in (0, 1]; `None` for a matt surface without a coat.
     two_sided : bool
         True for sheets such as leaves, which are seen from both sides.
+    texture : Texture or None
+        Takes the place of `colour` on parts that have texture coordinates.
+    metallic : float
+        Share of the reflection that is a metal's, in [0, 1]: metallic paint.
     """
 
     colour: Rgb
     roughness: float | None = None
     two_sided: bool = False
+    texture: Texture | None = None
+    metallic: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -46,6 +54,14 @@ class Part:
         Its one material.
     smooth : bool
         True where shading normals are interpolated over the mesh, False for flat facets.
+    normals : Float[np.ndarray, "n 3"] or None
+        Exact unit normals at the vertices of a smooth part, where they are known.
+    uv : Float[np.ndarray, "n 2"] or None
+        Texture coordinates at the vertices, each in [0, 1].
+    face : int or None
+        On a target: the face that it is, or `FILLET`.
+    corners_m : Float[np.ndarray, "k 3"] or None
+        Points where its flat faces meet and that look like corners.
     """
 
     name: str
@@ -53,6 +69,10 @@ class Part:
     triangles: Int[np.ndarray, "m 3"]
     material: Material
     smooth: bool = True
+    normals: Float[np.ndarray, "n 3"] | None = None
+    uv: Float[np.ndarray, "n 2"] | None = None
+    face: int | None = None
+    corners_m: Float[np.ndarray, "k 3"] | None = None
 
 
 def vertex_normals(

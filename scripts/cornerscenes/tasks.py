@@ -5,16 +5,24 @@ from __future__ import annotations
 import hashlib
 import importlib.metadata
 import json
+import platform
 import re
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from cornerscenes.dataset import FORMAT, Dataset, Renderer
-from cornerscenes.recipes import Family, FilmRecipe, RecipeError, SceneRecipe, Suite, read
+from cornerscenes.library import Library
+from cornerscenes.recipes import Family, FilmRecipe, SceneRecipe, Suite
 from cornerscenes.storage import storage_at
+from cornerscenes.tables import RecipeError, read
+
+if TYPE_CHECKING:
+    from cornerscenes.mitsuba_backend import World
+    from cornerscenes.scene import Scene
 
 # What computes the content of a scene.
 PACKAGES = ("drjit", "mitsuba", "numpy", "scipy")
@@ -38,6 +46,8 @@ class Task:
         The scene.
     family : Family
         Its family.
+    library : Library
+        The materials, backgrounds and lights that the family names.
     recipe_sha256 : str
         Hash of all of these and of what renders them.
     """
@@ -46,6 +56,7 @@ class Task:
     film: FilmRecipe
     scene: SceneRecipe
     family: Family
+    library: Library
     recipe_sha256: str
 
     @property
@@ -86,15 +97,14 @@ class Rendered:
     ----------
     visible_fraction : float
         Share of the target that no object hides.
-    seconds, core_seconds : float
-        How long it took, and what that was of one core's time.
+    seconds : float
+        How long it took.
     bytes : int
         Size of its files.
     """
 
     visible_fraction: float
     seconds: float
-    core_seconds: float
     bytes: int
 
 
@@ -107,28 +117,37 @@ def tasks_of(suite_name: str, recipes: Path) -> list[Task]:
         When a recipe is missing or holds what it must not.
     """
     suite = read(Suite, recipes / "suites" / f"{suite_name}.toml")
-    names = sorted({scene.family for scene in suite.scenes})
+    scenes = suite.all_scenes(suite_name)
+    names = sorted({scene.family for scene in scenes})
     families = {name: read(Family, recipes / "families" / f"{name}.toml") for name in names}
+    library = Library.of(recipes)
+    used = {name: library.used_by(family) for name, family in families.items()}
     return [
         Task(
-            suite_name,
-            suite.film,
-            scene,
-            families[scene.family],
-            recipe_hash(suite_name, scene, suite.film, families[scene.family]),
+            suite_name=suite_name,
+            film=suite.film,
+            scene=scene,
+            family=families[scene.family],
+            library=used[scene.family],
+            recipe_sha256=recipe_hash(
+                suite_name, scene, suite.film, families[scene.family], used[scene.family]
+            ),
         )
-        for scene in suite.scenes
+        for scene in scenes
     ]
 
 
-def recipe_hash(suite_name: str, scene: SceneRecipe, film: FilmRecipe, family: Family) -> str:
+def recipe_hash(
+    suite_name: str, scene: SceneRecipe, film: FilmRecipe, family: Family, library: Library
+) -> str:
     """Return the hash of all that decides a scene's content: its recipe and its generators."""
     content = {
         "format": FORMAT,
         "suite": suite_name,
-        "scene": scene.model_dump(),
+        "scene": asdict(scene),
         "film": film.model_dump(),
         "family": family.model_dump(exclude={"summary"}),
+        "library": library.described(),
         "generators": generators(),
     }
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
@@ -204,59 +223,37 @@ def choose_variant(wanted: str | None) -> str:
     return mitsuba_backend.choose_variant(wanted)
 
 
-class Stopwatch:
-    """Measures a time, and what this process used of the machine meanwhile.
+def scene_of(task: Task, setting: Setting) -> tuple[Scene, World]:
+    """Start the renderer and return a task's scene, and the same as the renderer holds it.
 
-    Parameters
-    ----------
-    variant : str
-        The renderer's variant.
-    threads : int
-        The renderer's threads.
+    Raises
+    ------
+    RecipeError
+        When what is installed here would not render the scene that the task names.
     """
-
-    def __init__(self, variant: str, threads: int) -> None:
-        self._on_gpu = variant.startswith("cuda")
-        self._threads = threads
-        self._began_s = time.monotonic(), time.process_time()
-
-    def seconds(self) -> float:
-        """Return the time since it began [s]."""
-        return time.monotonic() - self._began_s[0]
-
-    def core_seconds(self) -> float:
-        """Return the time of one core that was used [s].
-
-        It does not count what other programs took, where these can be told apart: on a processor.
-        """
-        if self._on_gpu:
-            return self._threads * self.seconds()
-        return time.process_time() - self._began_s[1]
-
-
-def prepare(variant: str) -> None:
-    """Load the renderer, so that it does not count as time of a scene."""
-    from cornerscenes import layout, mitsuba_backend, scene_files  # noqa: F401
-
-    mitsuba_backend.choose_variant(variant)
-
-
-def write_scene(task: Task, folder: Path, threads: int) -> float:
-    """Render a scene by what was prepared, write its files, return the target's visible share."""
     import drjit
 
-    from cornerscenes import scene_files
     from cornerscenes.layout import lay_out
+    from cornerscenes.mitsuba_backend import World
 
-    drjit.set_thread_count(threads)
-    scene = lay_out(task.suite_name, task.scene, task.family)
-    return scene_files.write(folder, scene, task.film, task.scene, task.key)
+    here = recipe_hash(task.suite_name, task.scene, task.film, task.family, task.library)
+    if here != task.recipe_sha256:
+        raise RecipeError(
+            f"the sources or packages of its worker (on {platform.node()}) are not those that this "
+            f"run began with; render again when nothing changes them any more"
+        )
+    choose_variant(setting.variant)
+    drjit.set_thread_count(setting.threads)
+    scene = lay_out(task.suite_name, task.scene, task.family, task.library)
+    return scene, World.of(scene, task.film.max_depth)
 
 
 def render_one(task: Task, setting: Setting) -> Rendered:
     """Render one scene into its dataset."""
-    prepare(setting.variant)
-    stopwatch = Stopwatch(setting.variant, setting.threads)
+    from cornerscenes import scene_files
+
+    started_s = time.monotonic()
+    scene, world = scene_of(task, setting)
     renderer = Renderer(
         name="mitsuba", version=importlib.metadata.version("mitsuba"), variant=setting.variant
     )
@@ -265,6 +262,6 @@ def render_one(task: Task, setting: Setting) -> Rendered:
         task.name,
         task.recipe_sha256,
         renderer,
-        lambda folder: write_scene(task, folder, setting.threads),
+        lambda folder: scene_files.write(folder, scene, world, task.film, task.scene, task.key),
     )
-    return Rendered(fraction, stopwatch.seconds(), stopwatch.core_seconds(), size_bytes)
+    return Rendered(fraction, time.monotonic() - started_s, size_bytes)

@@ -18,7 +18,7 @@ from multiprocessing.connection import Connection, wait
 from types import TracebackType
 from typing import Any, Generic, TypeVar
 
-from cornerscenes.recipes import RecipeError
+from cornerscenes.tables import RecipeError
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")

@@ -38,12 +38,9 @@ def render(suite: str, output: Path | str, *options: str) -> None:
 
 
 def contents(folder: Path) -> dict[str, str]:
-    """Return the SHA-256 of every file of a dataset, hidden ones and what is unfinished included.
-
-    Left out is the log of what rendering cost, which is no part of a dataset.
-    """
+    """Return the SHA-256 of every file of a dataset, hidden and unfinished ones included."""
     return {
         str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest()
         for path in sorted(folder.rglob("*"))
-        if path.is_file() and path.name != ".costs.jsonl"
+        if path.is_file()
     }

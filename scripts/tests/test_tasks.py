@@ -6,7 +6,7 @@ import pytest
 
 from cornerscenes import tasks
 from cornerscenes.estimate import Expectation
-from cornerscenes.recipes import RecipeError
+from cornerscenes.tables import RecipeError
 from cornerscenes.tasks import ORCHESTRATION, selected, tasks_of
 
 RECIPES = Path(__file__).parents[2] / "tests" / "recipes"

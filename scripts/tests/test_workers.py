@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from cornerscenes.recipes import RecipeError
+from cornerscenes.tables import RecipeError
 from cornerscenes.workers import Stop, Workers
 
 

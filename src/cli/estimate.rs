@@ -7,11 +7,12 @@ use comfy_table::{Cell, CellAlignment, ContentArrangement, Table, presets};
 use indicatif::{DecimalBytes, HumanDuration};
 use serde::{Deserialize, Serialize};
 
-/// Time and disk that the missing scenes of a suite would take.
-#[derive(Debug, Deserialize, Serialize)]
+/// Time and disk that the missing scenes of a suite would take; of nothing where none is missing.
+#[derive(Debug, Default, Deserialize, Serialize)]
+#[serde(default)]
 pub(super) struct Estimate {
     missing: u64,
-    variant: Option<String>,
+    variant: String,
     workers: u64,
     threads_per_worker: u64,
     seconds: Sum,
@@ -21,19 +22,18 @@ pub(super) struct Estimate {
 }
 
 /// A sum with its uncertainty: in 19 of 20 cases it should lie between low and high.
-#[derive(Debug, Deserialize, Serialize)]
+#[derive(Debug, Default, Deserialize, Serialize)]
 struct Sum {
     expected: f64,
     low: f64,
     high: f64,
 }
 
-/// What one scene of a family takes, and from how many scenes that is known.
+/// What one scene of a family takes, and from how many that were probed that is known.
 #[derive(Debug, Deserialize, Serialize)]
 struct Family {
     family: String,
     scenes: u64,
-    rendered: u64,
     probed: u64,
     seconds: f64,
     bytes: f64,
@@ -50,10 +50,9 @@ impl Display for Estimate {
             .set_content_arrangement(ContentArrangement::Dynamic);
         table.set_header(["family", "scenes", "each", "each", "known from"]);
         for family in &self.families {
-            let known = match (family.rendered, family.probed) {
-                (0, 0) => "the other families".to_owned(),
-                (0, probed) => format!("{probed} at few samples"),
-                (rendered, _) => format!("{rendered} rendered here"),
+            let known = match family.probed {
+                0 => "the other families".to_owned(),
+                probed => count(probed, "probe"),
             };
             let right = |text: String| Cell::new(text).set_alignment(CellAlignment::Right);
             table.add_row([
@@ -71,7 +70,7 @@ impl Display for Estimate {
             self.missing,
             count(self.workers, "worker"),
             count(self.threads_per_worker, "thread"),
-            self.variant.as_deref().unwrap_or_default()
+            self.variant
         )?;
         let Sum { expected, low, high } = self.seconds;
         writeln!(text, "time: {}, {} to {}", time(expected), time(low), time(high))?;

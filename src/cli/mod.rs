@@ -2,6 +2,7 @@
 
 mod environment;
 mod estimate;
+mod export;
 mod interrupt;
 mod list;
 mod locate;
@@ -74,6 +75,8 @@ enum Command {
     Report(report::Options),
     /// Check a dataset's integrity, and that renderer, reader and projection agree to 0.01 px.
     Verify(verify::Options),
+    /// Export a dataset to another format: BOP or COCO keypoints.
+    Export(export::Options),
     /// Refine points of, or find corners in, a picture of one's own.
     Locate(locate::Options),
     /// List what can be named: suites, families, plans, cameras, algorithms.
@@ -119,6 +122,7 @@ fn run(arguments: &Arguments) -> Result<Ended> {
         Command::Measure(options) => measure::run(global, options),
         Command::Report(options) => report::run(global, options),
         Command::Verify(options) => verify::run(global, options),
+        Command::Export(options) => export::run(global, options),
         Command::Locate(options) => locate::run(global, options),
         Command::List(options) => list::run(global, options),
     }

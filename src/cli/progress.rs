@@ -8,6 +8,17 @@ use indicatif::{HumanDuration, ProgressBar, ProgressState, ProgressStyle};
 
 use super::Global;
 
+/// A bar that counts scenes as they are done, shown on a terminal only.
+pub(super) fn counting(global: &Global, scenes: usize) -> ProgressBar {
+    if global.quiet {
+        return ProgressBar::hidden();
+    }
+    let style = ProgressStyle::with_template("{bar:30} {pos} of {len} (left: {eta})  {wide_msg}");
+    let bar = ProgressBar::new(scenes as u64);
+    bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+    bar
+}
+
 /// The progress of a number of scenes.
 pub(super) struct Progress<'a> {
     global: &'a Global,

@@ -32,8 +32,8 @@ pub(super) struct Options {
     /// Only every N-th scene of the suite, from number I, 0 to N - 1: for N machines with one folder.
     #[arg(long, value_name = "I/N")]
     shard: Option<String>,
-    /// Say what time and disk it would take, and end. Families that were never rendered here are
-    /// probed, which takes a minute or two.
+    /// Say what time and disk it would take, and end. For that some scenes of each family are
+    /// rendered at few of their samples, which takes a minute or two.
     #[arg(long)]
     estimate: bool,
     /// A Mitsuba variant to use instead of the fastest one.
@@ -54,7 +54,6 @@ impl Options {
 enum Event {
     Start { scenes: u64, missing: u64 },
     Slow { message: String },
-    Probing { scenes: u64 },
     Probed { scene: String },
     Estimate(Estimate),
     Rendering { scene: String },
@@ -140,10 +139,9 @@ fn follow(global: &Global, mut renderer: Renderer, options: &Options) -> Result<
                     progress.start(scenes, there);
                 }
             }
-            Event::Probing { scenes } => progress.start(scenes, 0),
             Event::Probed { scene } => {
                 progress.end(&scene, None);
-                progress.tell_done(&format!("probed {scene}"));
+                progress.tell(&format!("probed {scene}"));
             }
             Event::Estimate(found) => estimate = Some(found),
             Event::Slow { message } => progress.tell(&message),

@@ -113,6 +113,11 @@ impl Dataset {
         Ok(Self { folder: folder.to_owned(), manifest })
     }
 
+    /// Its folder.
+    pub fn folder(&self) -> &Path {
+        &self.folder
+    }
+
     /// The suite it was rendered from.
     pub fn suite(&self) -> &str {
         &self.manifest.suite

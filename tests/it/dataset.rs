@@ -9,18 +9,18 @@ use crate::support::{
     copy_of_plain, cornerbench, plain_dataset, recipes, render, run, stderr, stdout, succeed,
 };
 
-fn json(path: &Path) -> Value {
+pub fn json(path: &Path) -> Value {
     serde_json::from_slice(&fs::read(path).expect("a file")).expect("JSON")
 }
 
 /// Replaces a file of a dataset and its hash in the manifest: an alteration that no hash betrays.
-fn rewrite(dataset: &Path, scene: &str, file: &str, content: &str) {
+pub fn rewrite(dataset: &Path, scene: &str, file: &str, content: impl AsRef<[u8]>) {
     let path = dataset.join(scene).join(file);
-    fs::write(&path, content).expect("written");
+    fs::write(&path, &content).expect("written");
     let manifest = dataset.join("dataset.json");
     let mut entries = json(&manifest);
     entries["scenes"][scene]["files"][file]["sha256"] =
-        Value::from(cornerbench::scene::sha256_hex(content.as_bytes()));
+        Value::from(cornerbench::scene::sha256_hex(content.as_ref()));
     fs::write(&manifest, entries.to_string()).expect("written");
 }
 
@@ -33,7 +33,7 @@ fn shift_truth(dataset: &Path, shift: impl Fn(f64, f64) -> [f64; 2]) {
             let [x, y] = [0, 1].map(|axis| point[axis].as_f64().expect("a number"));
             *point = serde_json::json!(shift(x, y));
         }
-        rewrite(dataset, scene, "truth.json", &truth.to_string());
+        rewrite(dataset, scene, "truth.json", truth.to_string());
     }
 }
 

@@ -5,6 +5,7 @@ mod contract;
 mod dataset;
 mod docs;
 mod drawn;
+mod export;
 mod grasp;
 mod layers;
 mod opencv;

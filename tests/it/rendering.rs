@@ -32,7 +32,7 @@ fn tiny_dataset() -> &'static Path {
     })
 }
 
-/// Every file of a dataset, hidden ones included, but for the log of what rendering cost.
+/// Every file of a dataset, hidden ones included.
 fn contents(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     let mut found = BTreeMap::new();
     for entry in fs::read_dir(folder).expect("a folder").flatten() {
@@ -42,7 +42,7 @@ fn contents(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
             found.extend(
                 inner.into_iter().map(|(file, bytes)| (Path::new(&name).join(file), bytes)),
             );
-        } else if name != ".costs.jsonl" {
+        } else {
             found.insert(name.into(), fs::read(path).expect("a file"));
         }
     }

@@ -13,6 +13,7 @@ from ..shape import Part
 from .blade_plant import dracaena, snake_plant
 from .dog import sitting_dog, standing_dog
 from .plant import broad_leaved_plant, bush
+from .red import red_ball, red_cuboid, red_cylinder
 from .things import ball, books, cushion
 from .vessels import basket, mug, watering_can
 from .wooden import crate, stool
@@ -34,4 +35,7 @@ BUILDERS: dict[str, Builder] = {
     "crate": crate,
     "stool": stool,
     "cushion": cushion,
+    "red_ball": red_ball,
+    "red_cylinder": red_cylinder,
+    "red_cuboid": red_cuboid,
 }
