@@ -10,8 +10,9 @@ from pathlib import Path
 
 import pytest
 
+from cornerscenes.ray_workers import RayWorkers
 from cornerscenes.tables import RecipeError
-from cornerscenes.workers import Stop, Workers
+from cornerscenes.workers import Stop, Workers, WorkersError
 
 
 def doubled_or_dead(number: int) -> int:
@@ -69,6 +70,15 @@ def test_workers_go_on_from_one_run_to_the_next():
     with Workers(10, Stop()) as workers:
         first, second = (next(workers.run(process_id, [0])).result for _ in range(2))
     assert first == second
+
+
+def test_without_ray_the_next_step_is_said(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setitem(sys.modules, "ray", None)
+    with (
+        pytest.raises(WorkersError, match="not installed here; run cornerbench setup --ray"),
+        RayWorkers("", 1, Stop()),
+    ):
+        pass
 
 
 def test_a_stop_ends_the_run_and_its_workers_at_once():
