@@ -15,7 +15,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
 from pathlib import Path
-from statistics import fmean, stdev
+from statistics import fmean, median, stdev
 from typing import Any
 
 import numpy as np
@@ -114,8 +114,10 @@ def probe(task: Task, setting: Setting) -> Cost:
             json.loads((folder / name).read_text(encoding="utf-8"))
             for name in ("scene.json", "truth.json")
         )
-    more = _paths(task.film, described, true) - world.paths
-    return Cost(seconds + more * world.seconds / world.paths, size_bytes)
+    more = _paths(task.film, described, true) - sum(paths for paths, _ in world.traced)
+    # The median, for the first ones also wait for kernels to be compiled.
+    path_s = median(seconds / paths for paths, seconds in world.traced)
+    return Cost(seconds + more * path_s, size_bytes)
 
 
 def _paths(film: FilmRecipe, described: dict[str, Any], true: dict[str, Any]) -> int:

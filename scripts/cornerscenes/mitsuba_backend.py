@@ -86,14 +86,9 @@ class World:
 
     Attributes
     ----------
-    paths : int
-        How many paths were traced for its radiance.
-    seconds : float
-        How long that took.
+    traced : list[tuple[int, float]]
+        For each time that its radiance was rendered how many paths that took, and how long [s].
     """
-
-    paths = 0
-    seconds = 0.0
 
     def __init__(
         self,
@@ -115,6 +110,7 @@ class World:
         max_depth : int
             Longest path; 2 is direct light.
         """
+        self.traced: list[tuple[int, float]] = []
         self._ids: dict[str, tuple[int, int]] = {}  # shape: its object id and face
         self._shapes: dict[str, Any] = {}
         for index, solid in enumerate(solids):
@@ -155,7 +151,7 @@ class World:
 
     def _in_the_dark(self, shapes: dict[str, Any]) -> World:
         dark = World.__new__(World)
-        dark._ids, dark._shapes = self._ids, shapes
+        dark.traced, dark._ids, dark._shapes = [], self._ids, shapes
         integrator = {"type": "path", "max_depth": 1}
         dark._scene = mi.load_dict({"type": "scene", "integrator": integrator, **shapes})
         return dark
@@ -234,8 +230,8 @@ class World:
         )
         started_s = time.monotonic()
         image = np.array(mi.render(self._scene, sensor=sensor, spp=samples, seed=seed))
-        self.seconds += time.monotonic() - started_s
-        self.paths += (x1 - x0) * (y1 - y0) * samples
+        paths = (x1 - x0) * (y1 - y0) * samples
+        self.traced.append((paths, time.monotonic() - started_s))
         return image
 
     def occluded(

@@ -21,11 +21,10 @@ from studies.runs import contents, events, render, start  # noqa: E402
 
 @pytest.fixture(scope="module")
 def address() -> Iterator[str]:
-    node = {"num_cpus": 1, "node_ip_address": "127.0.0.1", "object_store_memory": 80_000_000}
     machines = importlib.import_module("ray.cluster_utils")
-    cluster = machines.Cluster(
-        initialize_head=True, head_node_args={**node, "include_dashboard": False}
-    )
+    node = {"num_cpus": 1, "node_ip_address": "127.0.0.1", "object_store_memory": 80_000_000}
+    head = {**node, "include_dashboard": False}
+    cluster = machines.Cluster(initialize_head=True, head_node_args=head)
     cluster.add_node(**node)
     yield cluster.address
     cluster.shutdown()

@@ -6,7 +6,7 @@ use std::process::{Child, Command, Stdio};
 
 use serde::Deserialize;
 
-use super::environment::{Purpose, python};
+use super::environment::{Purpose, present_python, python};
 use super::estimate::Estimate;
 use super::interrupt::{self, Asking};
 use super::progress::Progress;
@@ -18,11 +18,11 @@ use crate::plan::read_table;
 pub(super) struct Options {
     /// The suite; `cornerbench list suites` names them.
     suite: String,
-    /// Where to: a folder, or an address such as s3://bucket/name; out/SUITE/dataset where this is
-    /// not given.
+    /// Where to: a folder, or an address that fsspec opens, such as s3://bucket/name;
+    /// out/SUITE/dataset where this is not given. Several machines must share it.
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
-    /// Worker processes; they share the cores.
+    /// Worker processes; they share the cores. One a core where this is not given.
     #[arg(short, long, value_name = "N")]
     jobs: Option<usize>,
     /// Only these scenes of the suite: from number A, counted from 0, up to but without number B;
@@ -32,6 +32,10 @@ pub(super) struct Options {
     /// Only every N-th scene of the suite, from number I, 0 to N - 1: for N machines with one folder.
     #[arg(long, value_name = "I/N")]
     shard: Option<String>,
+    /// Render on the machines of a Ray cluster that runs already: at this address of its head, or
+    /// else where RAY_ADDRESS says, or the one that this machine is part of. A worker has one core.
+    #[arg(long, value_name = "HOST:PORT", num_args = 0..=1, default_missing_value = "")]
+    ray: Option<String>,
     /// Say what time and disk it would take, and end. For that some scenes of each family are
     /// rendered at few of their samples, which takes a minute or two.
     #[arg(long)]
@@ -90,7 +94,12 @@ pub(super) fn render(global: &Global, options: &Options) -> Result<Ended> {
     if let Some(jobs) = options.jobs {
         crate::registry::in_range("command line", "--jobs", jobs, 1..=1024)?;
     }
-    let program = python(&root, Purpose::Rendering, &|line| global.say(line))?;
+    let program = match options.ray {
+        None => python(&root, Purpose::Rendering, &|line| global.say(line))?,
+        Some(_) => present_python(&root, Purpose::Ray)?.ok_or_else(|| {
+            Error::Other("--ray: Ray is not set up here; run cornerbench setup --ray".to_owned())
+        })?,
+    };
     let arguments = arguments(global, options, &recipes, &place(options)?);
     let mut command = Command::new(program);
     command.args(["-m", "cornerscenes.render"]).args(&arguments).current_dir(root.join("scripts"));
@@ -114,6 +123,7 @@ fn arguments(global: &Global, options: &Options, recipes: &Path, place: &Path) -
     option("--shard", options.shard.clone());
     option("--variant", options.variant.clone());
     option("--jobs", options.jobs.map(|jobs| jobs.to_string()));
+    option("--ray", options.ray.clone());
     option("--threads", global.threads.map(|threads| threads.to_string()));
     if options.estimate {
         words.push("--estimate".to_owned());
@@ -196,11 +206,12 @@ fn again(global: &Global, options: &Options, scene: Option<&str>) -> String {
     let mut words = vec!["cornerbench render".to_owned(), options.suite.clone()];
     let path = |path: &PathBuf| path.to_string_lossy().into_owned();
     let mut option = |name: &str, value: Option<String>| {
-        words.extend(value.map(|value| format!("{name} {value}")));
+        words.extend(value.map(|value| format!("{name} {value}").trim_end().to_owned()));
     };
     option("-o", options.output.as_ref().map(path));
     option("--recipes", global.recipes.as_ref().map(path));
     option("--variant", options.variant.clone());
+    option("--ray", options.ray.clone());
     match scene {
         Some(scene) => option("--scenes", Some(scene.to_owned())),
         None => {

@@ -224,6 +224,34 @@ fn a_choice_of_scenes_leaves_all_others_even_those_of_another_recipe() {
 }
 
 #[test]
+fn an_estimate_says_what_the_missing_scenes_take_and_renders_none() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let dataset = folder.path().join("dataset");
+    let output = run(&mut tiny(&dataset, &["--estimate", "--json", "--scenes", "1.."]));
+    let found: Value = serde_json::from_slice(&output.stdout).expect("JSON");
+    assert_eq!((&found["missing"], &found["families"][0]["scenes"]), (&3.into(), &3.into()));
+    for sum in ["seconds", "bytes"] {
+        let [low, expected, high] = ["low", "expected", "high"].map(|key| found[sum][key].as_f64());
+        assert!(Some(0.0) < low && low < expected && expected < high, "{sum}: {found}");
+    }
+    assert!(!dataset.exists());
+    let none = run(&mut tiny(tiny_dataset(), &["--estimate"]));
+    assert_eq!(String::from_utf8_lossy(&none.stdout), "nothing is missing\n");
+}
+
+#[test]
+fn a_cluster_without_ray_is_refused_with_the_next_step() {
+    let project = tempfile::tempdir().expect("a temporary folder");
+    for folder in ["scenes/suites", "scripts/cornerscenes"] {
+        fs::create_dir_all(project.path().join(folder)).expect("a folder");
+    }
+    fs::write(project.path().join("scripts/requirements-ray.txt"), "").expect("a lock");
+    let output = run(tiny(Path::new("dataset"), &["--ray"]).current_dir(project.path()));
+    assert_eq!(output.status.code(), Some(2));
+    assert!(stderr(&output).contains("run cornerbench setup --ray"), "{}", stderr(&output));
+}
+
+#[test]
 fn scenes_and_shards_that_are_not_there_are_refused_before_anything_starts() {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let dataset = folder.path().join("dataset");
