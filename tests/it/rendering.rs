@@ -210,7 +210,9 @@ fn a_choice_of_scenes_leaves_all_others_even_those_of_another_recipe() {
     copy_folder(tiny_dataset(), &dataset);
     let family = changed.join("families/tiny.toml");
     let text = fs::read_to_string(&family).expect("a family");
-    fs::write(&family, text.replace("roughness = 0.3", "roughness = 0.4")).expect("written");
+    let other = text.replace("yaw_deg = [10.0, 20.0]", "yaw_deg = [10.0, 21.0]");
+    assert_ne!(text, other);
+    fs::write(&family, other).expect("written");
 
     let mut command = cornerbench();
     command.args(["render", "tiny", "--scenes", "0..1", "--output"]).arg(&dataset);
