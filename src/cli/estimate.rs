@@ -48,7 +48,7 @@ impl Display for Estimate {
         table
             .load_style(presets::UTF8_HORIZONTAL_ONLY)
             .set_content_arrangement(ContentArrangement::Dynamic);
-        table.set_header(["family", "scenes", "each", "each", "known from"]);
+        table.set_header(["family", "scenes", "time each", "disk each", "known from"]);
         for family in &self.families {
             let known = match family.probed {
                 0 => "the other families".to_owned(),
