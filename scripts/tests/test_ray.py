@@ -4,6 +4,7 @@ import importlib
 import json
 import math
 import os
+import time
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -30,21 +31,39 @@ def address() -> Iterator[str]:
     cluster.shutdown()
 
 
-def test_a_task_that_fails_or_kills_its_worker_costs_no_other_and_both_machines_work(address: str):
-    def root_or_dead(number: float) -> tuple[float, str]:
-        if number == 1.0:
-            os._exit(7)
-        return math.sqrt(number), ray.get_runtime_context().get_node_id()
+def test_as_many_scenes_are_rendered_at_a_time_as_the_machines_have_cores(
+    address: str, tmp_path: Path
+):
+    def met(name: str) -> str:
+        """Wait for the other one; there is one core on each machine."""
+        (tmp_path / name).touch()
+        deadline_s = time.monotonic() + 120.0
+        while len(list(tmp_path.iterdir())) < 2 and time.monotonic() < deadline_s:
+            time.sleep(0.05)
+        assert len(list(tmp_path.iterdir())) == 2
+        return ray.get_runtime_context().get_node_id()
 
     with RayWorkers(address, 100, Stop()) as workers:
         assert workers.arrange(6, "llvm_ad_rgb", None, None) == 1
         assert workers.count == 2
-        outcomes = {o.task: o for o in workers.run(root_or_dead, [4.0, 1.0, -1.0, 9.0, 16.0, 0.0])}
-    roots = {task: o.result and o.result[0] for task, o in outcomes.items()}
-    assert roots == {4.0: 2.0, 1.0: None, -1.0: None, 9.0: 3.0, 16.0: 4.0, 0.0: 0.0}
+        outcomes = list(workers.run(met, ["one", "two"]))
+    assert [outcome.problem for outcome in outcomes] == [None, None]
+    assert len({outcome.result for outcome in outcomes}) == 2
+
+
+def test_a_task_that_fails_or_kills_its_worker_costs_no_other_task(address: str):
+    def root_or_dead(number: float) -> float:
+        if number == 1.0:
+            os._exit(7)
+        return math.sqrt(number)
+
+    with RayWorkers(address, 100, Stop()) as workers:
+        workers.count = 2
+        outcomes = {o.task: o for o in workers.run(root_or_dead, [4.0, 1.0, -1.0, 9.0])}
+    roots = {task: outcome.result for task, outcome in outcomes.items()}
+    assert roots == {4.0: 2.0, 1.0: None, -1.0: None, 9.0: 3.0}
     assert outcomes[-1.0].problem == "ValueError: math domain error"
     assert str(outcomes[1.0].problem).startswith("its worker process was lost: ")
-    assert len({o.result[1] for o in outcomes.values() if o.result}) == 2
 
 
 def test_a_worker_is_replaced_after_its_share_of_tasks(address: str):
