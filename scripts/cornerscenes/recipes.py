@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from dataclasses import dataclass
 from typing import Annotated, Literal
@@ -218,38 +217,34 @@ class Family(Table):
 class FilmRecipe(Table):
     """How finely a suite is rendered."""
 
-    oversampling: Annotated[int, Field(ge=1, le=16, description="film cells per pixel, S")]
+    oversampling: Annotated[
+        Literal[1, 2, 4, 8, 16], Field(description="film cells per pixel and direction, S")
+    ]
     periphery_samples: Annotated[
-        int, Field(ge=4, le=65536, description="paths per pixel outside the target's box")
+        int,
+        Field(ge=8, le=65536, multiple_of=4, description="paths per pixel outside the box"),
     ]
     fovea_samples: Annotated[
-        int, Field(ge=4, le=65536, description="paths per film cell in the target's box")
+        int,
+        Field(ge=8, le=65536, multiple_of=4, description="paths per film cell in the target's box"),
     ]
     corner_samples: Annotated[
-        int, Field(ge=4, le=65536, description="paths per film cell and pass about the corners")
-    ]
-    corner_passes: Annotated[
-        int, Field(ge=2, le=64, description="most passes about a corner; 2 are always made")
+        int, Field(ge=8, le=65536, description="most paths per film cell about the corners")
     ]
     noise_floor_px: Annotated[
-        Positive, Field(description="passes end when the render noise floor is as low as this")
+        Positive,
+        Field(description="no more of them than make the render noise floor as low as this"),
     ]
     margin_px: Annotated[int, Field(ge=0, le=512, description="margin of the target's box")]
     max_depth: Annotated[int, Field(ge=1, le=64, description="longest path; 2 is direct light")]
 
     @model_validator(mode="after")
-    def _power_of_four(self) -> FilmRecipe:
-        # A square number, because the multi-jittered sampler rounds all others. A power of two,
-        # because then no film cell's samples are split between threads, whose sums would differ
-        # in the last bit from run to run. Two passes of the first two, for their variance.
-        for key, passes in (("periphery_samples", 2), ("fovea_samples", 2), ("corner_samples", 1)):
-            samples = getattr(self, key)
-            nearest = passes * 4 ** max(1, round(math.log(samples / passes, 4)))
-            if samples != nearest:
-                raise ValueError(
-                    f"{key} is {samples}, must be {'twice ' if passes == 2 else ''}a power of "
-                    f"four; near: {nearest}"
-                )
+    def _most_is_most(self) -> FilmRecipe:
+        if self.corner_samples < self.fovea_samples:
+            raise ValueError(
+                f"corner_samples is {self.corner_samples}, must not be less than fovea_samples, "
+                f"{self.fovea_samples}"
+            )
         return self
 
 
