@@ -26,6 +26,9 @@ SCENES_PER_WORKER = 8
 # What computes the content of a scene.
 PACKAGES = ("drjit", "mitsuba", "numpy", "scipy")
 
+# What of this package does not: a change of these renders nothing again.
+NOT_GENERATORS = ("render.py", "schemas.py")
+
 Tell = Callable[[Mapping[str, object]], None]
 
 
@@ -147,13 +150,11 @@ def recipe_hash(
 def generators() -> dict[str, str]:
     """Return the versions of what makes a scene: packages, and this package's sources.
 
-    Not among the sources is this module, which hands scenes to workers: a change of what it says or
-    of how it recovers renders nothing again.
+    Not among the sources are `NOT_GENERATORS`: this module, which hands scenes to workers, for one.
     """
     sources = hashlib.sha256()
-    this_module = Path(__file__)
-    for path in sorted(this_module.parent.rglob("*.py")):
-        if path != this_module:
+    for path in sorted(Path(__file__).parent.rglob("*.py")):
+        if path.name not in NOT_GENERATORS:
             sources.update(path.read_bytes())
     return {
         "cornerscenes": sources.hexdigest(),
