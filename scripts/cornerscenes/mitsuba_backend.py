@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -86,7 +87,13 @@ def _object_solids(scene: Scene) -> list[Solid]:
 
 
 class World:
-    """A scene as the renderer holds it."""
+    """A scene as the renderer holds it.
+
+    Attributes
+    ----------
+    traced : list[tuple[int, float]]
+        For each time that its radiance was rendered how many paths that took, and how long [s].
+    """
 
     def __init__(
         self,
@@ -108,6 +115,7 @@ class World:
         max_depth : int
             Longest path; 2 is direct light.
         """
+        self.traced: list[tuple[int, float]] = []
         self._ids: dict[str, tuple[int, int]] = {}  # shape: its object id and face
         self._shapes: dict[str, Any] = {}
         materials = _Materials(light is None)
@@ -150,7 +158,7 @@ class World:
 
     def _in_the_dark(self, shapes: dict[str, Any]) -> World:
         dark = World.__new__(World)
-        dark._ids, dark._shapes = self._ids, shapes
+        dark.traced, dark._ids, dark._shapes = [], self._ids, shapes
         integrator = {"type": "path", "max_depth": 1}
         dark._scene = mi.load_dict({"type": "scene", "integrator": integrator, **shapes})
         return dark
@@ -175,7 +183,7 @@ class World:
         self, camera: Camera, world_from_camera: Float[np.ndarray, "4 4"], lens: Lens | None = None
     ) -> View:
         """Return what a camera sees of it, through a lens or as a pinhole."""
-        return View(self._scene, camera, world_from_camera, lens)
+        return View(self._scene, camera, world_from_camera, lens, self.traced)
 
     def occluded(
         self, origin: Float[np.ndarray, "3"], points: Float[np.ndarray, "n 3"]
@@ -250,9 +258,10 @@ class View:
         camera: Camera,
         world_from_camera: Float[np.ndarray, "4 4"],
         lens: Lens | None,
+        traced: list[tuple[int, float]],
     ) -> None:
-        """Take a scene of the renderer, and a camera; a pinhole where it has no lens."""
-        self._scene, self._camera = scene, camera
+        """Take a scene of the renderer, a camera and its lens, and where to note paths and time."""
+        self._scene, self._camera, self._traced = scene, camera, traced
         flipped = world_from_camera @ np.diag([-1.0, -1.0, 1.0, 1.0])  # Mitsuba: x left, y up
         self._sensor: dict[str, Any] = {
             "type": "perspective",
@@ -309,10 +318,12 @@ class View:
         for first in range(0, count, at_once):
             times = min(at_once, count - first)
             tiles = np.tile(tiles_px, (times, 1))
+            started_s = time.monotonic()
             parts = [
                 render(tiles[i : i + most_tiles], side_px, divisions, samples, seed(key, first, i))
                 for i in range(0, len(tiles), most_tiles)
             ]
+            self._traced.append((len(tiles) * samples, time.monotonic() - started_s))
             yield from np.concatenate(parts).reshape(times, -1, divisions, divisions, 3)
 
     def _wavefront(

@@ -26,10 +26,14 @@ _VARIANCE_BITS = 8
 
 
 def write(
-    folder: Path, scene: Scene, recipe: FilmRecipe, scene_recipe: SceneRecipe, key: str
+    folder: Path,
+    scene: Scene,
+    world: World,
+    recipe: FilmRecipe,
+    scene_recipe: SceneRecipe,
+    key: str,
 ) -> float:
     """Render a scene, write its files into a folder, return the target's visible fraction."""
-    world = World.of(scene, recipe.max_depth)
     true = truth(scene, world)
     corners = seen_corners(true)
     film = FilmRenderer(scene, world, recipe, key).film(corners)

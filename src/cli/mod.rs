@@ -1,6 +1,7 @@
 //! The command line: one file per subcommand.
 
 mod environment;
+mod estimate;
 mod export;
 mod interrupt;
 mod list;
