@@ -8,14 +8,14 @@
 //! rendered. Its distance from the corner as projected is the offset of the whole chain; half a pixel
 //! anywhere in it shows as half a pixel.
 //!
-//! Two images serve. In the coverage the sides are flat, so that every corner can be measured and
-//! nothing but the samples limits it; the radiance is what algorithms see.
+//! Two images serve. In the coverage a region of the target is one within and zero without, whatever
+//! else is there: nothing but the samples limits what it tells. The radiance is what algorithms see.
 
 use nalgebra::{Matrix2, Point3, Vector2};
 
 use crate::geometry::ImagePoint;
 use crate::image::Plane;
-use crate::scene::{Coverage, NO_FACE, Scene, TrueEdge, Visibility};
+use crate::scene::{Coverage, NO_FACE, Scene, TrueEdge, Truth, Visibility};
 use crate::stats;
 
 /// In what the corners are looked for.
@@ -29,8 +29,8 @@ pub enum Evidence<'a> {
 
 /// Film cells next to a step that are not taken for one of its sides.
 const CLEAR: f64 = 2.0;
-/// How much of a film cell a third region may fill at a step.
-const MIXED: f64 = 0.01;
+/// A film cell is within a region, or without it, when its share is one or zero but for rounding.
+const ROUNDING: f64 = 1e-3;
 /// Film cells to either side of a step over which the partial area is summed.
 const NARROW: f64 = 4.0;
 /// Depth by which the background must lie behind a silhouette \[m\]: nearer surfaces touch the
@@ -46,8 +46,8 @@ struct Picture<'a> {
     origin: [i64; 2],
     /// Film cells per pixel.
     scale: f64,
-    /// Whether all that the sides show is that one region or another fills them.
-    is_flat: bool,
+    /// Whether it is the coverage.
+    is_coverage: bool,
     /// How far from the ends of what is seen of it an edge is used \[px\].
     end_margin_px: f64,
     /// How far to either side of an edge the image is used \[px\].
@@ -73,7 +73,7 @@ impl<'a> Picture<'a> {
                 fine,
                 origin: [x0, y0],
                 scale,
-                is_flat: true,
+                is_coverage: true,
                 end_margin_px: 0.5,
                 half_band_px: (NARROW + 2.0) / scale,
                 shortest_px: 4.0,
@@ -85,7 +85,7 @@ impl<'a> Picture<'a> {
                 fine,
                 origin: [0, 0],
                 scale,
-                is_flat: false,
+                is_coverage: false,
                 end_margin_px: 4.0,
                 half_band_px: 3.0,
                 shortest_px: 16.0,
@@ -93,6 +93,20 @@ impl<'a> Picture<'a> {
                 least_sine: 0.3,
             },
         }
+    }
+}
+
+impl Picture<'_> {
+    /// The cell at `index` of a film column (axis 0) or row (axis 1); `None` where it is not fine.
+    fn cell(&self, axis: usize, column: i64, index: i64) -> Option<[f64; 3]> {
+        let place = if axis == 0 { [column, index] } else { [index, column] };
+        let is_fine = |axis: usize| (self.fine[axis][0]..self.fine[axis][1]).contains(&place[axis]);
+        if !is_fine(0) || !is_fine(1) {
+            return None;
+        }
+        let [x, y] = [0, 1].map(|axis| usize::try_from(place[axis] - self.origin[axis]).ok());
+        let (x, y) = (x?, y?);
+        Some([0, 1, 2].map(|channel| f64::from(self.channels[channel].at(x, y))))
     }
 }
 
@@ -222,7 +236,7 @@ fn edge_line(
     end: usize,
 ) -> Option<EdgeLine> {
     let is_whole = edge.visible_fraction > 1.0 - 1e-9;
-    if !picture.is_flat && !is_whole {
+    if !picture.is_coverage && !is_whole {
         return None;
     }
     let other = if edge.corners[0] == end { edge.corners[1] } else { edge.corners[0] };
@@ -244,6 +258,7 @@ fn edge_line(
     let oversampling = scene.film.oversampling;
     let (first, last) = (start.to_film(oversampling), finish.to_film(oversampling));
     let (low, high) = (first[axis].min(last[axis]), first[axis].max(last[axis]));
+    let regions = regions(&scene.truth, edge);
     let mut steps = Vec::new();
     #[allow(clippy::cast_possible_truncation, reason = "film coordinates")]
     for column in low.ceil() as i64..high.floor() as i64 {
@@ -256,10 +271,15 @@ fn edge_line(
         }
         let expected = first[1 - axis] + share * (last[1 - axis] - first[1 - axis]);
         let point = ImagePoint::new(start.x + share * along.x, start.y + share * along.y);
-        if !picture.is_flat && !is_undisturbed(scene, picture, point, normal) {
-            continue;
-        }
-        if let Some((step, contrast)) = find_step(picture, axis, column, expected) {
+        let found = if picture.is_coverage {
+            let border = |region: &usize| find_border(picture, *region, axis, column, expected);
+            regions.iter().find_map(border).map(|step| (step, 1.0))
+        } else if is_undisturbed(scene, picture, edge, point, normal) {
+            find_step(picture, axis, column, expected)
+        } else {
+            None
+        };
+        if let Some((step, contrast)) = found {
             let displacement_px = (step - expected) * normal[1 - axis] / picture.scale;
             steps.push(Step { distance_px, displacement_px, contrast });
         }
@@ -294,11 +314,52 @@ fn used_distances_px(
         .collect()
 }
 
-/// Whether each side of the edge at `point` is one surface, and the one behind, if there is one, does
-/// not touch the target.
+/// The regions of the coverage that end at an edge: faces that look at the camera, in their order.
+fn regions(truth: &Truth, edge: &TrueEdge) -> Vec<usize> {
+    let facing = edge.faces.iter().filter(|face| truth.faces[**face].facing);
+    facing.map(|face| truth.faces[..*face].iter().filter(|f| f.facing).count()).collect()
+}
+
+/// Film coordinate of the border of a region in one column (axis 0) or row (axis 1), looked for near
+/// `expected`: the sum of its shares, where it is all on one side of the border and none on the other.
+#[allow(
+    clippy::cast_possible_truncation,
+    clippy::cast_precision_loss,
+    reason = "film coordinates, checked against the film's size"
+)]
+fn find_border(
+    picture: &Picture<'_>,
+    region: usize,
+    axis: usize,
+    column: i64,
+    expected: f64,
+) -> Option<f64> {
+    let half = picture.half_band_px * picture.scale;
+    let (from, to) = ((expected - half).round() as i64, (expected + half).round() as i64);
+    let shares: Vec<f64> =
+        (from..to).map(|v| Some(picture.cell(axis, column, v)?[region])).collect::<Option<_>>()?;
+    let total: f64 = shares.iter().sum();
+    let (first, last) = (shares.first()?.round(), shares.last()?.round());
+    let border = if first > last { from as f64 + total } else { to as f64 - total };
+    let is_clear = |(v, share): (i64, &f64)| {
+        let expected = if (v as f64 + 1.0) < border - CLEAR {
+            first
+        } else if v as f64 > border + CLEAR {
+            last
+        } else {
+            return true;
+        };
+        (share - expected).abs() < ROUNDING
+    };
+    ((first - last).abs() == 1.0 && (from..to).zip(&shares).all(is_clear)).then_some(border)
+}
+
+/// Whether each side of the edge at `point` is one surface, on the target those that meet there, and
+/// the one behind, if there is one, does not touch the target.
 fn is_undisturbed(
     scene: &Scene,
     picture: &Picture<'_>,
+    edge: &TrueEdge,
     point: ImagePoint,
     normal: Vector2<f64>,
 ) -> bool {
@@ -323,6 +384,12 @@ fn is_undisturbed(
         return false;
     };
     let on_target = |ids: (u32, u32)| ids.1 != NO_FACE;
+    // A face that is seen nearly edge-on is narrower than the distance that was looked at.
+    let is_shown = |face: usize| [ids_a, ids_b].iter().any(|ids| ids.1 as usize == face);
+    let mut facing = edge.faces.iter().filter(|face| scene.truth.faces[**face].facing);
+    if !facing.all(|face| is_shown(*face)) {
+        return false;
+    }
     match (on_target(ids_a), on_target(ids_b)) {
         (true, true) => ids_a != ids_b,
         (true, false) => depth_b - depth_a > DEPTH_GAP_M,
@@ -347,30 +414,17 @@ struct Step {
 )]
 fn find_step(picture: &Picture<'_>, axis: usize, column: i64, expected: f64) -> Option<(f64, f64)> {
     let half = picture.half_band_px * picture.scale;
-    let fine = picture.fine;
-    if !(fine[axis][0]..fine[axis][1]).contains(&column) {
-        return None;
-    }
     let mut step = expected;
     let mut contrast = 0.0;
-    for turn in 0..4 {
+    for _ in 0..4 {
         let from = (step - half).round() as i64;
         let to = (step + half).round() as i64;
-        if from < fine[1 - axis][0] || to > fine[1 - axis][1] {
-            return None;
-        }
-        let cell = |index: i64| -> [f64; 3] {
-            let (x, y) = if axis == 0 { (column, index) } else { (index, column) };
-            let (x, y) = ((x - picture.origin[0]) as usize, (y - picture.origin[1]) as usize);
-            [0, 1, 2].map(|c| f64::from(picture.channels[c].at(x, y)))
-        };
-        // The two sides, without the cells that the step may touch. Where they are flat, their far
-        // ends tell all of them, wherever in the band the step is: a first guess.
-        let guess = picture.is_flat && turn == 0;
-        let is_below = |v: i64| if guess { v == from } else { (v as f64 + 1.0) < step - CLEAR };
-        let is_above = |v: i64| if guess { v == to - 1 } else { v as f64 > step + CLEAR };
-        let below: Vec<i64> = (from..to).filter(|v| is_below(*v)).collect();
-        let above: Vec<i64> = (from..to).filter(|v| is_above(*v)).collect();
+        let cells: Vec<[f64; 3]> =
+            (from..to).map(|v| picture.cell(axis, column, v)).collect::<Option<_>>()?;
+        let cell = |v: i64| cells[(v - from) as usize];
+        // The two sides, without the cells that the step may touch.
+        let below: Vec<i64> = (from..to).filter(|v| (*v as f64 + 1.0) < step - CLEAR).collect();
+        let above: Vec<i64> = (from..to).filter(|v| *v as f64 > step + CLEAR).collect();
         let mean = |cells: &[i64]| -> [f64; 3] {
             let sum = cells
                 .iter()
@@ -378,12 +432,7 @@ fn find_step(picture: &Picture<'_>, axis: usize, column: i64, expected: f64) -> 
                 .fold([0.0; 3], |a, b| [a[0] + b[0], a[1] + b[1], a[2] + b[2]]);
             sum.map(|value| value / cells.len() as f64)
         };
-        #[allow(clippy::float_cmp, reason = "what one region fills is filled alike, to the bit")]
-        let is_one = |cells: &[i64]| cells.iter().all(|v| cell(*v) == cell(cells[0]));
         if below.is_empty() || above.is_empty() {
-            return None;
-        }
-        if picture.is_flat && !(is_one(&below) && is_one(&above)) {
             return None;
         }
         let (mean_below, mean_above) = (mean(&below), mean(&above));
@@ -391,14 +440,6 @@ fn find_step(picture: &Picture<'_>, axis: usize, column: i64, expected: f64) -> 
         let square: f64 = difference.iter().map(|d| d * d).sum();
         contrast = square.sqrt();
         if contrast < 0.02 {
-            return None;
-        }
-        // A face that is seen nearly edge-on is a sliver along the edge: the step is two.
-        let is_mixed = |v: i64| {
-            let (colour, share) = (cell(v), level_share(cell(v), mean_below, difference));
-            (0..3).any(|c| (colour[c] - mean_below[c] - share * difference[c]).abs() > MIXED)
-        };
-        if picture.is_flat && (from..to).any(is_mixed) {
             return None;
         }
         // The colour along the difference of the sides, and its linear ramp on each.
@@ -409,12 +450,12 @@ fn find_step(picture: &Picture<'_>, axis: usize, column: i64, expected: f64) -> 
         let ramp = |cells: &[i64]| {
             let points: Vec<(f64, f64)> =
                 cells.iter().map(|v| (*v as f64 + 0.5 - expected, level(*v))).collect();
-            if picture.is_flat { Some((points[0].1, 0.0)) } else { fit_ramp(&points) }
+            fit_ramp(&points)
         };
         let ((a0, a1), (b0, b1)) = (ramp(&below)?, ramp(&above)?);
         // The sum needs only the cells around the step; more of them would add noise.
-        let narrow = ((step - NARROW).round() as i64, (step + NARROW).round() as i64);
-        let (from, to) = if guess { (from, to) } else { narrow };
+        let narrow = NARROW.min(half);
+        let (from, to) = ((step - narrow).round() as i64, (step + narrow).round() as i64);
         let total: f64 = (from..to).map(level).sum();
         let integral = |(value, slope): (f64, f64), from: f64, to: f64| {
             value * (to - from) + 0.5 * slope * (to * to - from * from)
@@ -435,12 +476,6 @@ fn find_step(picture: &Picture<'_>, axis: usize, column: i64, expected: f64) -> 
         step = expected + t;
     }
     Some((step, contrast))
-}
-
-/// How far `colour` is from `start` along `difference`, as a share of it.
-fn level_share(colour: [f64; 3], start: [f64; 3], difference: [f64; 3]) -> f64 {
-    let along: f64 = (0..3).map(|c| (colour[c] - start[c]) * difference[c]).sum();
-    along / difference.iter().map(|d| d * d).sum::<f64>()
 }
 
 /// Least-squares line through (x, y): value at 0 and slope.
@@ -488,14 +523,14 @@ fn fit_line(steps: &[Step], fewest: usize) -> Option<(f64, f64)> {
 mod tests {
     use super::*;
 
-    /// The step that is found in a column in which one region ends at film coordinate `end` and
-    /// another one goes on for `sliver` cells.
+    /// Where region 0 or 1 is found to end in a column in which region 0 ends at film coordinate `end`
+    /// and region 1 goes on for `sliver` cells.
     #[allow(
         clippy::cast_possible_truncation,
         clippy::cast_precision_loss,
         reason = "small numbers"
     )]
-    fn step_found(end: f64, sliver: f64) -> Option<f64> {
+    fn border_found(region: usize, end: f64, sliver: f64) -> Option<f64> {
         let filled = |y: usize, to: f64| (to - y as f64).clamp(0.0, 1.0);
         let plane = |share: &dyn Fn(usize) -> f64| Plane::from_fn(4, 24, |_, y| share(y) as f32);
         let channels = [
@@ -508,27 +543,29 @@ mod tests {
             fine: [[0, 4], [0, 24]],
             origin: [0, 0],
             scale: 4.0,
-            is_flat: true,
+            is_coverage: true,
             end_margin_px: 0.5,
             half_band_px: 1.5,
             shortest_px: 4.0,
             fewest_steps: 12,
             least_sine: 0.05,
         };
-        find_step(&picture, 0, 1, 12.0).map(|(step, _)| step)
+        find_border(&picture, region, 0, 1, 12.0)
     }
 
     #[test]
-    fn a_step_in_the_coverage_is_found_exactly() {
-        for end in [11.3, 12.0, 12.7, 13.25] {
-            let found = step_found(end, 0.0).expect("a step");
+    fn the_border_of_a_region_is_found_exactly_whatever_is_beyond_it() {
+        for (end, sliver) in [(11.3, 0.0), (12.0, 0.4), (12.7, 1.5), (13.25, 9.0), (10.1, 0.01)] {
+            let found = border_found(0, end, sliver).expect("a border");
             assert!((found - end).abs() < 1e-6, "{found} in place of {end}");
         }
     }
 
     #[test]
-    fn a_sliver_of_a_third_region_is_no_step() {
-        assert_eq!(step_found(12.3, 0.4), None);
-        assert_eq!(step_found(12.0, 0.05), None);
+    fn a_region_that_is_narrow_or_ends_elsewhere_has_no_border_here() {
+        assert_eq!(border_found(1, 12.0, 3.0), None);
+        assert_eq!(border_found(1, 12.0, 5.5), None, "its far end shows, too");
+        assert_eq!(border_found(0, 5.5, 0.0), None);
+        assert_eq!(border_found(0, 19.0, 0.0), None);
     }
 }

@@ -16,7 +16,7 @@ use crate::scene::{Dataset, Scene, TrueCorner, Visibility};
 struct Limits {
     /// Its name.
     name: &'static str,
-    /// The largest mean offset \[px\].
+    /// The largest mean offset \[px\], to which come [`CERTAIN`] of its standard errors.
     mean_px: f64,
     /// The largest root mean square of the offsets \[px\].
     root_mean_square_px: Option<f64>,
@@ -28,6 +28,9 @@ const COVERAGE: Limits =
     Limits { name: "coverage", mean_px: 0.002, root_mean_square_px: Some(0.005), far_px: 0.02 };
 const RADIANCE: Limits =
     Limits { name: "radiance", mean_px: 0.01, root_mean_square_px: None, far_px: 0.02 };
+
+/// An offset counts as larger than allowed when it is so by this many standard errors.
+const CERTAIN: f64 = 2.0;
 
 /// Sub-pixel phases are told apart on a grid of so many cells per pixel and direction.
 const PHASES: f64 = 32.0;
@@ -144,7 +147,8 @@ impl Found {
             .iter()
             .map(|offset| [phase(offset.image_point_px.x), phase(offset.image_point_px.y)])
             .collect();
-        let passed = mean.length_px <= limits.mean_px
+        let [x_error, y_error] = mean.standard_error_px;
+        let passed = mean.length_px <= limits.mean_px + CERTAIN * x_error.hypot(y_error)
             && limits.root_mean_square_px.is_none_or(|most| root_mean_square_px <= most)
             && far.is_empty();
         Some(Self { limits, mean, root_mean_square_px, phases: phases.len(), far, passed })
