@@ -1,38 +1,122 @@
 //! Do renderer, reader and projection agree on where the image is?
 //!
-//! The film of a rendered scene shows the target's edges; the projection says where they are. On
-//! edges that nothing disturbs, each film column (or row) that an edge crosses is a step between two
-//! smooth sides, and the sum of the column tells where the step is, exactly for a box filter: the
-//! partial-area principle (Trujillo-Pino et al., Image and Vision Computing 2013), here with a
-//! linear ramp on either side. A line through the steps of each edge, two or more edges at a corner:
-//! the corner as rendered. Its distance from the corner as projected is the offset of the whole
-//! chain; half a pixel anywhere in it shows as half a pixel.
+//! An image of a rendered scene shows the target's edges; the projection says where they are. Each
+//! column (or row) of film cells that an edge crosses undisturbed is a step between two smooth sides,
+//! and the sum of the column tells where the step is, exactly for a box filter: the partial-area
+//! principle (Trujillo-Pino et al., Image and Vision Computing 2013), here with a linear ramp on
+//! either side. A line through the steps of each edge, two or more edges at a corner: the corner as
+//! rendered. Its distance from the corner as projected is the offset of the whole chain; half a pixel
+//! anywhere in it shows as half a pixel.
+//!
+//! Two images serve. In the coverage a region of the target is one within and zero without, whatever
+//! else is there: nothing but the samples limits what it tells. The radiance is what algorithms see.
 
-use nalgebra::{Matrix2, Vector2};
+use nalgebra::{Matrix2, Point3, Vector2};
 
 use crate::geometry::ImagePoint;
-use crate::scene::{NO_FACE, Scene, TrueEdge, Visibility};
+use crate::image::Plane;
+use crate::scene::{Coverage, NO_FACE, Scene, TrueEdge, Truth, Visibility};
 use crate::stats;
 
-/// How far from its ends an edge is used \[px\].
-const END_MARGIN_PX: f64 = 4.0;
-/// How far to either side of an edge the film is used \[px\].
-const HALF_BAND_PX: f64 = 3.0;
+/// In what the corners are looked for.
+#[derive(Clone, Copy, Debug)]
+pub enum Evidence<'a> {
+    /// In the coverage of the scene.
+    Coverage(&'a Coverage),
+    /// In its film.
+    Radiance,
+}
+
+/// Film cells next to a step that are not taken for one of its sides.
+const CLEAR: f64 = 2.0;
+/// A film cell is within a region, or without it, when its share is one or zero but for rounding.
+const ROUNDING: f64 = 1e-3;
 /// Film cells to either side of a step over which the partial area is summed.
 const NARROW: f64 = 4.0;
-/// Edges shorter than this between the margins are not used \[px\].
-const SHORTEST_PX: f64 = 16.0;
 /// Depth by which the background must lie behind a silhouette \[m\]: nearer surfaces touch the
 /// target, and their contact shadow is no linear ramp.
 const DEPTH_GAP_M: f64 = 0.03;
-/// Film columns that an edge must be found in.
-const FEWEST_STEPS: usize = 24;
+
+/// An image and what of it counts.
+struct Picture<'a> {
+    channels: &'a [Plane<f32>; 3],
+    /// Film cells where it is fine: along x and y, from and to.
+    fine: [[i64; 2]; 2],
+    /// The film cell of its first sample.
+    origin: [i64; 2],
+    /// Film cells per pixel.
+    scale: f64,
+    /// Whether it is the coverage.
+    is_coverage: bool,
+    /// How far from the ends of what is seen of it an edge is used \[px\].
+    end_margin_px: f64,
+    /// How far to either side of an edge the image is used \[px\].
+    half_band_px: f64,
+    /// Edges of which less is left between the margins are not used \[px\].
+    shortest_px: f64,
+    /// Film columns that an edge must be found in.
+    fewest_steps: usize,
+    /// Sine of the angle at which two edges must at least meet for a corner.
+    least_sine: f64,
+}
+
+impl<'a> Picture<'a> {
+    fn of(scene: &'a Scene, evidence: Evidence<'a>) -> Self {
+        let oversampling = i64::from(scene.film.oversampling);
+        let [x0, y0, x1, y1] =
+            scene.description.film.fovea_px.map(|edge| i64::from(edge) * oversampling);
+        let fine = [[x0, x1], [y0, y1]];
+        let scale = f64::from(scene.film.oversampling);
+        match evidence {
+            Evidence::Coverage(coverage) => Self {
+                channels: &coverage.regions,
+                fine,
+                origin: [x0, y0],
+                scale,
+                is_coverage: true,
+                end_margin_px: 0.5,
+                half_band_px: (NARROW + 2.0) / scale,
+                shortest_px: 4.0,
+                fewest_steps: 12,
+                least_sine: 0.05,
+            },
+            Evidence::Radiance => Self {
+                channels: &scene.film.radiance,
+                fine,
+                origin: [0, 0],
+                scale,
+                is_coverage: false,
+                end_margin_px: 4.0,
+                half_band_px: 3.0,
+                shortest_px: 16.0,
+                fewest_steps: 24,
+                least_sine: 0.3,
+            },
+        }
+    }
+}
+
+impl Picture<'_> {
+    /// The cell at `index` of a film column (axis 0) or row (axis 1); `None` where it is not fine.
+    fn cell(&self, axis: usize, column: i64, index: i64) -> Option<[f64; 3]> {
+        let place = if axis == 0 { [column, index] } else { [index, column] };
+        let is_fine = |axis: usize| (self.fine[axis][0]..self.fine[axis][1]).contains(&place[axis]);
+        if !is_fine(0) || !is_fine(1) {
+            return None;
+        }
+        let [x, y] = [0, 1].map(|axis| usize::try_from(place[axis] - self.origin[axis]).ok());
+        let (x, y) = (x?, y?);
+        Some([0, 1, 2].map(|channel| f64::from(self.channels[channel].at(x, y))))
+    }
+}
 
 /// How far a corner as rendered is from the corner as projected.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CornerOffset {
     /// Index of the corner.
     pub corner: usize,
+    /// Its projection \[px\].
+    pub image_point_px: ImagePoint,
     /// Rendered minus projected position \[px\].
     pub offset_px: [f64; 2],
     /// Standard error of each coordinate \[px\].
@@ -72,25 +156,46 @@ pub fn mean_offset(offsets: &[CornerOffset]) -> Option<MeanOffset> {
     })
 }
 
-/// Measures every corner of a scene that at least two undisturbed edges lead to.
-pub fn corner_offsets(scene: &Scene) -> Vec<CornerOffset> {
+/// The root mean square of the offsets' lengths \[px\]; `None` of none.
+pub fn root_mean_square_px(offsets: &[CornerOffset]) -> Option<f64> {
+    let lengths: Vec<f64> =
+        offsets.iter().map(|offset| offset.offset_px[0].hypot(offset.offset_px[1])).collect();
+    stats::root_mean_square(&lengths)
+}
+
+/// Measures every visible corner of a scene that two or more edges lead to which are seen.
+///
+/// Rounded edges and those that a lens blurs are not where the projection is: such scenes have no
+/// corner that can be measured.
+pub fn corner_offsets(scene: &Scene, evidence: Evidence<'_>) -> Vec<CornerOffset> {
+    if !is_sharp(scene) {
+        return Vec::new();
+    }
     let truth = &scene.truth;
+    let picture = Picture::of(scene, evidence);
     let visible = truth.corners.iter().filter(|corner| corner.visibility == Visibility::Visible);
     visible
         .filter_map(|corner| {
-            let lines: Vec<EdgeLine> = truth
+            let lines: Vec<EdgeLine> = corner
                 .edges
                 .iter()
-                .filter(|edge| edge.corners.contains(&corner.index))
-                .filter_map(|edge| edge_line(scene, edge, corner.index))
+                .filter_map(|at| edge_line(scene, &picture, &truth.edges[at.edge], corner.index))
                 .collect();
-            intersect(&lines).map(|(offset_px, standard_error_px)| CornerOffset {
-                corner: corner.index,
-                offset_px,
-                standard_error_px,
+            intersect(&lines, picture.least_sine).map(|(offset_px, standard_error_px)| {
+                CornerOffset {
+                    corner: corner.index,
+                    image_point_px: corner.image_point_px,
+                    offset_px,
+                    standard_error_px,
+                }
             })
         })
         .collect()
+}
+
+/// Whether the edges of a scene's target are sharp, in space and in the image.
+pub fn is_sharp(scene: &Scene) -> bool {
+    scene.description.lens.is_none() && scene.description.target.bevel_radius_m == 0.0
 }
 
 /// Where an edge was found, relative to its projection, extrapolated to one of its ends.
@@ -105,7 +210,7 @@ struct EdgeLine {
 }
 
 /// Least-squares intersection of displaced lines: the offset and its standard errors.
-fn intersect(lines: &[EdgeLine]) -> Option<([f64; 2], [f64; 2])> {
+fn intersect(lines: &[EdgeLine], least_sine: f64) -> Option<([f64; 2], [f64; 2])> {
     let mut information = Matrix2::zeros();
     let mut right = Vector2::zeros();
     for line in lines {
@@ -113,7 +218,8 @@ fn intersect(lines: &[EdgeLine]) -> Option<([f64; 2], [f64; 2])> {
         right += line.normal * line.displacement_px / line.variance_px2;
     }
     let sine = |a: &EdgeLine, b: &EdgeLine| a.normal.perp(&b.normal).abs();
-    let cross = lines.iter().enumerate().any(|(i, a)| lines[..i].iter().any(|b| sine(a, b) > 0.3));
+    let cross =
+        lines.iter().enumerate().any(|(i, a)| lines[..i].iter().any(|b| sine(a, b) > least_sine));
     let covariance = information.try_inverse().filter(|_| cross)?;
     let offset = covariance * right;
     Some((
@@ -123,15 +229,22 @@ fn intersect(lines: &[EdgeLine]) -> Option<([f64; 2], [f64; 2])> {
 }
 
 /// Measures one edge, seen from the corner `end`.
-fn edge_line(scene: &Scene, edge: &TrueEdge, end: usize) -> Option<EdgeLine> {
-    if edge.visible_fraction < 1.0 {
+fn edge_line(
+    scene: &Scene,
+    picture: &Picture<'_>,
+    edge: &TrueEdge,
+    end: usize,
+) -> Option<EdgeLine> {
+    let is_whole = edge.visible_fraction > 1.0 - 1e-9;
+    if !picture.is_coverage && !is_whole {
         return None;
     }
     let other = if edge.corners[0] == end { edge.corners[1] } else { edge.corners[0] };
     let [start, finish] = [end, other].map(|index| scene.truth.corners[index].image_point_px);
     let along = Vector2::new(finish.x - start.x, finish.y - start.y);
     let length_px = along.norm();
-    if length_px - 2.0 * END_MARGIN_PX < SHORTEST_PX {
+    let used = used_distances_px(scene, picture, edge, start, along / length_px);
+    if used.iter().map(|[from, to]| (to - from).max(0.0)).sum::<f64>() < picture.shortest_px {
         return None;
     }
     let direction = along / length_px;
@@ -143,9 +256,9 @@ fn edge_line(scene: &Scene, edge: &TrueEdge, end: usize) -> Option<EdgeLine> {
     }
 
     let oversampling = scene.film.oversampling;
-    let scale = f64::from(oversampling);
     let (first, last) = (start.to_film(oversampling), finish.to_film(oversampling));
     let (low, high) = (first[axis].min(last[axis]), first[axis].max(last[axis]));
+    let regions = regions(&scene.truth, edge);
     let mut steps = Vec::new();
     #[allow(clippy::cast_possible_truncation, reason = "film coordinates")]
     for column in low.ceil() as i64..high.floor() as i64 {
@@ -153,29 +266,103 @@ fn edge_line(scene: &Scene, edge: &TrueEdge, end: usize) -> Option<EdgeLine> {
         let middle = column as f64 + 0.5;
         let share = (middle - first[axis]) / (last[axis] - first[axis]);
         let distance_px = share * length_px;
-        if !(END_MARGIN_PX..length_px - END_MARGIN_PX).contains(&distance_px) {
+        if !used.iter().any(|[from, to]| (*from..*to).contains(&distance_px)) {
             continue;
         }
         let expected = first[1 - axis] + share * (last[1 - axis] - first[1 - axis]);
         let point = ImagePoint::new(start.x + share * along.x, start.y + share * along.y);
-        if !is_undisturbed(scene, point, normal) {
-            continue;
-        }
-        if let Some((step, contrast)) = find_step(scene, axis, column, expected) {
-            let displacement_px = (step - expected) * normal[1 - axis] / scale;
+        let found = if picture.is_coverage {
+            let border = |region: &usize| find_border(picture, *region, axis, column, expected);
+            regions.iter().find_map(border).map(|step| (step, 1.0))
+        } else if is_undisturbed(scene, picture, edge, point, normal) {
+            find_step(picture, axis, column, expected)
+        } else {
+            None
+        };
+        if let Some((step, contrast)) = found {
+            let displacement_px = (step - expected) * normal[1 - axis] / picture.scale;
             steps.push(Step { distance_px, displacement_px, contrast });
         }
     }
-    fit_line(&steps).map(|(displacement_px, variance_px2)| EdgeLine {
+    fit_line(&steps, picture.fewest_steps).map(|(displacement_px, variance_px2)| EdgeLine {
         normal,
         displacement_px,
         variance_px2,
     })
 }
 
-/// Whether each side of the edge at `point` is one surface, and the one behind, if there is one, does
-/// not touch the target.
-fn is_undisturbed(scene: &Scene, point: ImagePoint, normal: Vector2<f64>) -> bool {
+/// Which parts of an edge are used: from and to which distance from an image point on it \[px\].
+fn used_distances_px(
+    scene: &Scene,
+    picture: &Picture<'_>,
+    edge: &TrueEdge,
+    start: ImagePoint,
+    direction: Vector2<f64>,
+) -> Vec<[f64; 2]> {
+    let [a, b] = edge.corners.map(|index| Point3::from(scene.truth.corners[index].position_m));
+    let description = &scene.description;
+    let distance_px = |share: f64| {
+        let point = description.world_from_camera.inverse_transform_point(&(a + share * (b - a)));
+        let image = description.camera.project(&point)?;
+        Some(direction.x * (image.x - start.x) + direction.y * (image.y - start.y))
+    };
+    let margin_px = picture.end_margin_px;
+    edge.visible
+        .iter()
+        .filter_map(|seen| Some([distance_px(seen.start)?, distance_px(seen.end)?]))
+        .map(|[one, other]| [one.min(other) + margin_px, one.max(other) - margin_px])
+        .collect()
+}
+
+/// The regions of the coverage that end at an edge: faces that look at the camera, in their order.
+fn regions(truth: &Truth, edge: &TrueEdge) -> Vec<usize> {
+    let facing = edge.faces.iter().filter(|face| truth.faces[**face].facing);
+    facing.map(|face| truth.faces[..*face].iter().filter(|f| f.facing).count()).collect()
+}
+
+/// Film coordinate of the border of a region in one column (axis 0) or row (axis 1), looked for near
+/// `expected`: the sum of its shares, where it is all on one side of the border and none on the other.
+#[allow(
+    clippy::cast_possible_truncation,
+    clippy::cast_precision_loss,
+    reason = "film coordinates, checked against the film's size"
+)]
+fn find_border(
+    picture: &Picture<'_>,
+    region: usize,
+    axis: usize,
+    column: i64,
+    expected: f64,
+) -> Option<f64> {
+    let half = picture.half_band_px * picture.scale;
+    let (from, to) = ((expected - half).round() as i64, (expected + half).round() as i64);
+    let shares: Vec<f64> =
+        (from..to).map(|v| Some(picture.cell(axis, column, v)?[region])).collect::<Option<_>>()?;
+    let total: f64 = shares.iter().sum();
+    let (first, last) = (shares.first()?.round(), shares.last()?.round());
+    let border = if first > last { from as f64 + total } else { to as f64 - total };
+    let is_clear = |(v, share): (i64, &f64)| {
+        let expected = if (v as f64 + 1.0) < border - CLEAR {
+            first
+        } else if v as f64 > border + CLEAR {
+            last
+        } else {
+            return true;
+        };
+        (share - expected).abs() < ROUNDING
+    };
+    ((first - last).abs() == 1.0 && (from..to).zip(&shares).all(is_clear)).then_some(border)
+}
+
+/// Whether each side of the edge at `point` is one surface, on the target those that meet there, and
+/// the one behind, if there is one, does not touch the target.
+fn is_undisturbed(
+    scene: &Scene,
+    picture: &Picture<'_>,
+    edge: &TrueEdge,
+    point: ImagePoint,
+    normal: Vector2<f64>,
+) -> bool {
     let geometry = &scene.geometry;
     let at = |distance_px: f64| {
         let x = (point.x + distance_px * normal.x).round();
@@ -184,18 +371,25 @@ fn is_undisturbed(scene: &Scene, point: ImagePoint, normal: Vector2<f64>) -> boo
         scene.description.camera.contains(ImagePoint::new(x, y)).then(|| {
             let (x, y) = (x as usize, y as usize);
             let ids = (geometry.object_id.at(x, y), geometry.face_id.at(x, y));
-            (ids, f64::from(geometry.depth_m.at(x, y)))
+            let depth_m = f64::from(geometry.depth_m.at(x, y));
+            (ids, if depth_m > 0.0 { depth_m } else { f64::INFINITY })
         })
     };
     let side = |sign: f64| {
         let near = at(1.5 * sign)?;
-        let far = at((HALF_BAND_PX + 0.5) * sign)?;
+        let far = at((picture.half_band_px + 0.5) * sign)?;
         (near.0 == far.0).then_some(near)
     };
     let (Some((ids_a, depth_a)), Some((ids_b, depth_b))) = (side(-1.0), side(1.0)) else {
         return false;
     };
     let on_target = |ids: (u32, u32)| ids.1 != NO_FACE;
+    // A face that is seen nearly edge-on is narrower than the distance that was looked at.
+    let is_shown = |face: usize| [ids_a, ids_b].iter().any(|ids| ids.1 as usize == face);
+    let mut facing = edge.faces.iter().filter(|face| scene.truth.faces[**face].facing);
+    if !facing.all(|face| is_shown(*face)) {
+        return false;
+    }
     match (on_target(ids_a), on_target(ids_b)) {
         (true, true) => ids_a != ids_b,
         (true, false) => depth_b - depth_a > DEPTH_GAP_M,
@@ -218,30 +412,19 @@ struct Step {
     clippy::cast_sign_loss,
     reason = "film coordinates, checked against the film's size"
 )]
-fn find_step(scene: &Scene, axis: usize, column: i64, expected: f64) -> Option<(f64, f64)> {
-    let half = HALF_BAND_PX * f64::from(scene.film.oversampling);
-    let [fx0, fy0, fx1, fy1] = scene.description.film.fovea_px;
-    let fine = [[fx0, fx1], [fy0, fy1]]
-        .map(|range| range.map(|edge| i64::from(edge) * i64::from(scene.film.oversampling)));
-    if !(fine[axis][0]..fine[axis][1]).contains(&column) {
-        return None;
-    }
+fn find_step(picture: &Picture<'_>, axis: usize, column: i64, expected: f64) -> Option<(f64, f64)> {
+    let half = picture.half_band_px * picture.scale;
     let mut step = expected;
     let mut contrast = 0.0;
     for _ in 0..4 {
         let from = (step - half).round() as i64;
         let to = (step + half).round() as i64;
-        if from < fine[1 - axis][0] || to > fine[1 - axis][1] {
-            return None;
-        }
-        let cell = |index: i64| -> [f64; 3] {
-            let (x, y) = if axis == 0 { (column, index) } else { (index, column) };
-            [0, 1, 2].map(|c| f64::from(scene.film.radiance[c].at(x as usize, y as usize)))
-        };
+        let cells: Vec<[f64; 3]> =
+            (from..to).map(|v| picture.cell(axis, column, v)).collect::<Option<_>>()?;
+        let cell = |v: i64| cells[(v - from) as usize];
         // The two sides, without the cells that the step may touch.
-        let clear = 2.0;
-        let below: Vec<i64> = (from..to).filter(|v| (*v as f64 + 1.0) < step - clear).collect();
-        let above: Vec<i64> = (from..to).filter(|v| *v as f64 > step + clear).collect();
+        let below: Vec<i64> = (from..to).filter(|v| (*v as f64 + 1.0) < step - CLEAR).collect();
+        let above: Vec<i64> = (from..to).filter(|v| *v as f64 > step + CLEAR).collect();
         let mean = |cells: &[i64]| -> [f64; 3] {
             let sum = cells
                 .iter()
@@ -249,6 +432,9 @@ fn find_step(scene: &Scene, axis: usize, column: i64, expected: f64) -> Option<(
                 .fold([0.0; 3], |a, b| [a[0] + b[0], a[1] + b[1], a[2] + b[2]]);
             sum.map(|value| value / cells.len() as f64)
         };
+        if below.is_empty() || above.is_empty() {
+            return None;
+        }
         let (mean_below, mean_above) = (mean(&below), mean(&above));
         let difference = [0, 1, 2].map(|c| mean_above[c] - mean_below[c]);
         let square: f64 = difference.iter().map(|d| d * d).sum();
@@ -268,7 +454,8 @@ fn find_step(scene: &Scene, axis: usize, column: i64, expected: f64) -> Option<(
         };
         let ((a0, a1), (b0, b1)) = (ramp(&below)?, ramp(&above)?);
         // The sum needs only the cells around the step; more of them would add noise.
-        let (from, to) = ((step - NARROW).round() as i64, (step + NARROW).round() as i64);
+        let narrow = NARROW.min(half);
+        let (from, to) = ((step - narrow).round() as i64, (step + narrow).round() as i64);
         let total: f64 = (from..to).map(level).sum();
         let integral = |(value, slope): (f64, f64), from: f64, to: f64| {
             value * (to - from) + 0.5 * slope * (to * to - from * from)
@@ -305,14 +492,14 @@ fn fit_ramp(points: &[(f64, f64)]) -> Option<(f64, f64)> {
 /// The displacement extrapolated to distance 0, and its variance; steps far from the others are
 /// left out (3.5 median absolute deviations).
 #[allow(clippy::cast_precision_loss, reason = "counts")]
-fn fit_line(steps: &[Step]) -> Option<(f64, f64)> {
+fn fit_line(steps: &[Step], fewest: usize) -> Option<(f64, f64)> {
     let displacements: Vec<f64> = steps.iter().map(|step| step.displacement_px).collect();
     let centre = stats::median(&displacements)?;
     let deviations: Vec<f64> = displacements.iter().map(|d| (d - centre).abs()).collect();
     let limit = 3.5 * 1.4826 * stats::median(&deviations)? + 1e-6;
     let kept: Vec<&Step> =
         steps.iter().filter(|step| (step.displacement_px - centre).abs() <= limit).collect();
-    if kept.len() < FEWEST_STEPS {
+    if kept.len() < fewest {
         return None;
     }
     let weight = |step: &Step| step.contrast * step.contrast;
@@ -330,4 +517,55 @@ fn fit_line(steps: &[Step]) -> Option<(f64, f64)> {
         mean(&|step| (step.displacement_px - at_corner - slope * step.distance_px).powi(2));
     let variance = scatter / (kept.len() as f64 - 2.0) * (1.0 + mean_s * mean_s / sss);
     Some((at_corner, variance.max(1e-12)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Where region 0 or 1 is found to end in a column in which region 0 ends at film coordinate `end`
+    /// and region 1 goes on for `sliver` cells.
+    #[allow(
+        clippy::cast_possible_truncation,
+        clippy::cast_precision_loss,
+        reason = "small numbers"
+    )]
+    fn border_found(region: usize, end: f64, sliver: f64) -> Option<f64> {
+        let filled = |y: usize, to: f64| (to - y as f64).clamp(0.0, 1.0);
+        let plane = |share: &dyn Fn(usize) -> f64| Plane::from_fn(4, 24, |_, y| share(y) as f32);
+        let channels = [
+            plane(&|y| filled(y, end)),
+            plane(&|y| filled(y, end + sliver) - filled(y, end)),
+            plane(&|_| 0.0),
+        ];
+        let picture = Picture {
+            channels: &channels,
+            fine: [[0, 4], [0, 24]],
+            origin: [0, 0],
+            scale: 4.0,
+            is_coverage: true,
+            end_margin_px: 0.5,
+            half_band_px: 1.5,
+            shortest_px: 4.0,
+            fewest_steps: 12,
+            least_sine: 0.05,
+        };
+        find_border(&picture, region, 0, 1, 12.0)
+    }
+
+    #[test]
+    fn the_border_of_a_region_is_found_exactly_whatever_is_beyond_it() {
+        for (end, sliver) in [(11.3, 0.0), (12.0, 0.4), (12.7, 1.5), (13.25, 9.0), (10.1, 0.01)] {
+            let found = border_found(0, end, sliver).expect("a border");
+            assert!((found - end).abs() < 1e-6, "{found} in place of {end}");
+        }
+    }
+
+    #[test]
+    fn a_region_that_is_narrow_or_ends_elsewhere_has_no_border_here() {
+        assert_eq!(border_found(1, 12.0, 3.0), None);
+        assert_eq!(border_found(1, 12.0, 5.5), None, "its far end shows, too");
+        assert_eq!(border_found(0, 5.5, 0.0), None);
+        assert_eq!(border_found(0, 19.0, 0.0), None);
+    }
 }

@@ -75,6 +75,8 @@ pub struct Record {
     pub family: String,
     /// Name of the camera's pose.
     pub pose: String,
+    /// "dev" or "test".
+    pub split: Option<String>,
     /// Name of the camera model.
     pub camera: String,
     /// Name of the pipeline.
@@ -98,10 +100,14 @@ pub struct Record {
     /// Share of the target's image area that nothing hides.
     pub target_visible_fraction: Option<f64>,
 
-    /// Vertex of the target, 0 to 7.
+    /// Vertex of the target.
     pub corner_index: Option<i32>,
     /// "visible", "self-occluded", "occluded", "outside".
     pub visibility: Option<String>,
+    /// What a visible corner looks like: "L", "Y", "arrow", "X", "edge end".
+    pub junction: Option<String>,
+    /// Error of the true corner's place that the render's noise alone enforces \[px\].
+    pub render_noise_floor_px: Option<f64>,
     /// True position \[px\].
     pub true_x_px: Option<f64>,
     /// True position \[px\].

@@ -27,9 +27,8 @@ from cornerscenes.tasks import Setting, Task, scene_of
 PROBES_PER_FAMILY = 3
 PROBING_S = 60.0
 
-# How many samples a probe takes: as few as there can be, but two whole passes about the corners,
-# whose noise says how many passes the scene needs.
-FEW = {"periphery_samples": 8, "fovea_samples": 8, "corner_passes": 2}
+# How many samples a probe takes. Their noise says how many the scene needs about its corners.
+FEW = {"periphery_samples": 8, "fovea_samples": 8, "corner_samples": 8}
 
 # What one probe says of a family's scenes, as a share: until two of any family are known.
 SPREAD = 0.5
@@ -115,28 +114,27 @@ def probe(task: Task, setting: Setting) -> Cost:
             for name in ("scene.json", "truth.json")
         )
     more = _paths(task.film, described, true) - sum(paths for paths, _ in world.traced)
-    # The median, for the first ones also wait for kernels to be compiled.
-    path_s = median(seconds / paths for paths, seconds in world.traced)
+    # Not the first time, which also waits for code to be compiled.
+    path_s = median(seconds / paths for paths, seconds in world.traced[1:] or world.traced)
     return Cost(seconds + more * path_s, size_bytes)
 
 
 def _paths(film: FilmRecipe, described: dict[str, Any], true: dict[str, Any]) -> int:
     """Return how many paths a film takes, from the scene.json and truth.json of a probe."""
-    from cornerscenes.film import Window, passes_needed
+    from cornerscenes.film import CORNER_RADIUS_PX, Window
 
-    cells = film.oversampling**2
-    paths = described["camera"]["width"] * described["camera"]["height"] * film.periphery_samples
-    paths += cells * Window(*described["film"]["fovea_px"]).area * film.fovea_samples
-    for corner_window in described["film"]["corner_windows"]:
-        window = Window(*corner_window["window_px"])
-        floors = [
-            corner["render_noise_floor_px"]
-            for corner in true["corners"]
-            if window.contains(np.array(corner["image_point_px"]))
-        ]
-        passes = passes_needed(film, FEW["corner_passes"], floors)
-        paths += cells * window.area * film.corner_samples * passes
-    return paths
+    camera = described["camera"]
+    pixels = Window(*described["film"]["fovea_px"]).pixels()
+    samples = np.full(len(pixels), float(film.fovea_samples))
+    for corner in true["corners"]:
+        floor_px = corner["render_noise_floor_px"]
+        if floor_px is not None:
+            needed = FEW["fovea_samples"] * (floor_px / film.noise_floor_px) ** 2
+            from_corner = np.linalg.norm(pixels - np.array(corner["image_point_px"]), axis=1)
+            near = from_corner <= CORNER_RADIUS_PX
+            samples[near] = np.maximum(samples[near], min(needed, film.corner_samples))
+    in_box = film.oversampling**2 * samples.sum()
+    return camera["width"] * camera["height"] * film.periphery_samples + int(in_box)
 
 
 def estimate(

@@ -29,7 +29,14 @@ PACKAGES = ("drjit", "mitsuba", "numpy", "scipy")
 
 # Not among the sources that a recipe's hash covers: these decide when, where and by whom a scene is
 # rendered, not what is in it.
-ORCHESTRATION = ("estimate.py", "ray_workers.py", "render.py", "storage.py", "workers.py")
+ORCHESTRATION = (
+    "estimate.py",
+    "ray_workers.py",
+    "render.py",
+    "schemas.py",
+    "storage.py",
+    "workers.py",
+)
 
 
 @dataclass(frozen=True)

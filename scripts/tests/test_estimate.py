@@ -37,9 +37,10 @@ def test_the_paths_that_a_probe_foresees_are_those_that_the_whole_film_takes(tmp
     probed_paths, *found = rendered(few, "probe")
     paths, described, _ = rendered(task.film, "whole")
     assert _paths(few, *found) == probed_paths
-    assert _paths(task.film, *found) == paths
-    windows = described["film"]["corner_windows"]
-    assert max(window["samples"] for window in windows) > 2 * task.film.corner_samples
+    # How many samples the corners need is known from the probe's noise, and that but roughly.
+    assert _paths(task.film, *found) == pytest.approx(paths, rel=0.2)
+    samples = [corner["samples"] for corner in described["film"]["corners"]]
+    assert max(samples) > task.film.fovea_samples
 
 
 def test_one_scene_of_each_family_is_probed_first_and_others_while_there_is_time(

@@ -7,7 +7,7 @@ use crate::error::Result;
 use crate::plan::Plan;
 use crate::report::{self, terminal};
 use crate::run;
-use crate::scene::Dataset;
+use crate::scene::{Dataset, Split};
 
 #[derive(clap::Args)]
 pub(super) struct Options {
@@ -16,17 +16,31 @@ pub(super) struct Options {
     /// The dataset's folder.
     #[arg(default_value = "out/quick/dataset")]
     dataset: PathBuf,
-    /// The run's folder; out/PLAN-SUITE where this is not given.
+    /// Only the scenes of one split, dev or test.
+    #[arg(long)]
+    split: Option<SplitName>,
+    /// The run's folder; out/PLAN-SUITE, with the split behind it, where this is not given.
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
 }
 
+#[derive(Clone, Copy, clap::ValueEnum)]
+enum SplitName {
+    Dev,
+    Test,
+}
+
 pub(super) fn run(global: &Global, options: &Options) -> Result<Ended> {
     let dataset = Dataset::open(&options.dataset)?;
-    let output = options.output.clone().unwrap_or_else(|| {
-        PathBuf::from("out").join(format!("{}-{}", options.plan, dataset.suite()))
+    let split = options.split.map(|name| match name {
+        SplitName::Dev => Split::Dev,
+        SplitName::Test => Split::Test,
     });
-    measure(global, &options.plan, &dataset, &output)
+    let output = options.output.clone().unwrap_or_else(|| {
+        let split = split.map_or(String::new(), |split| format!("-{}", split.name()));
+        PathBuf::from("out").join(format!("{}-{}{split}", options.plan, dataset.suite()))
+    });
+    measure(global, &options.plan, &dataset, split, &output)
 }
 
 /// Measures, reports, and prints the table.
@@ -34,10 +48,11 @@ pub(super) fn measure(
     global: &Global,
     plan: &str,
     dataset: &Dataset,
+    split: Option<Split>,
     output: &Path,
 ) -> Result<Ended> {
     let plan = Plan::read(&project::recipes(global)?, plan)?;
-    let outcome = run::measure(&plan, dataset, output, &command_line(), &|_| {})?;
+    let outcome = run::measure(&plan, dataset, split, output, &command_line(), &|_| {})?;
     let (summary, page) = report::write(output)?;
     if global.json {
         print_line(serde_json::json!(summary))?;

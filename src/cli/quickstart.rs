@@ -18,6 +18,6 @@ pub(super) fn run(global: &Global, _: &Options) -> Result<Ended> {
     if rendered == Ended::Interrupted {
         return Ok(rendered);
     }
-    let measured = measure(global, PLAN, &Dataset::open(&folder)?, &output)?;
+    let measured = measure(global, PLAN, &Dataset::open(&folder)?, None, &output)?;
     Ok(if rendered == Ended::Well { measured } else { rendered })
 }

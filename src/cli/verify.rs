@@ -1,18 +1,39 @@
 //! `cornerbench verify`: a dataset is whole, and its image is where its truth says.
 
+use std::collections::BTreeSet;
 use std::path::PathBuf;
 
-use serde_json::json;
+use serde_json::{Value, json};
 
 use super::{Ended, Global, print_line};
-use crate::convention::{CornerOffset, corner_offsets, mean_offset};
+use crate::convention::{
+    CornerOffset, Evidence, MeanOffset, corner_offsets, is_sharp, mean_offset, root_mean_square_px,
+};
 use crate::error::{Error, Result};
-use crate::scene::Dataset;
+use crate::scene::{Dataset, Scene, TrueCorner, Visibility};
 
-/// The largest mean offset that passes \[px\].
-const LARGEST_OFFSET_PX: f64 = 0.01;
-/// A single corner fails when it is off by more than this and five standard errors \[px\].
-const FAR_PX: f64 = 0.02;
+/// What passes of one kind of evidence.
+struct Limits {
+    /// Its name.
+    name: &'static str,
+    /// The largest mean offset \[px\], to which come [`CERTAIN`] of its standard errors.
+    mean_px: f64,
+    /// The largest root mean square of the offsets \[px\].
+    root_mean_square_px: Option<f64>,
+    /// A single corner fails when it is off by more than this and five standard errors \[px\].
+    far_px: f64,
+}
+
+const COVERAGE: Limits =
+    Limits { name: "coverage", mean_px: 0.002, root_mean_square_px: Some(0.005), far_px: 0.02 };
+const RADIANCE: Limits =
+    Limits { name: "radiance", mean_px: 0.01, root_mean_square_px: None, far_px: 0.02 };
+
+/// An offset counts as larger than allowed when it is so by this many standard errors.
+const CERTAIN: f64 = 2.0;
+
+/// Sub-pixel phases are told apart on a grid of so many cells per pixel and direction.
+const PHASES: f64 = 32.0;
 
 #[derive(clap::Args)]
 pub(super) struct Options {
@@ -23,12 +44,15 @@ pub(super) struct Options {
 
 pub(super) fn run(global: &Global, options: &Options) -> Result<Ended> {
     let dataset = Dataset::open(&options.dataset)?;
-    let mut offsets: Vec<(&str, CornerOffset)> = Vec::new();
-    let mut unreadable = Vec::new();
+    let (mut in_coverage, mut in_radiance) = (Vec::new(), Vec::new());
+    let (mut unreadable, mut not_sharp, mut visible) = (Vec::new(), 0, 0);
     for name in dataset.scenes() {
-        match dataset.read(name) {
-            Ok(scene) => {
-                offsets.extend(corner_offsets(&scene).into_iter().map(|offset| (name, offset)));
+        match measure(&dataset, name) {
+            Ok(None) => not_sharp += 1,
+            Ok(Some(measured)) => {
+                visible += measured.visible;
+                in_coverage.extend(measured.in_coverage.into_iter().map(|offset| (name, offset)));
+                in_radiance.extend(measured.in_radiance.into_iter().map(|offset| (name, offset)));
             }
             Err(error) => {
                 eprintln!("{name} skipped: {}", error.chain());
@@ -36,17 +60,123 @@ pub(super) fn run(global: &Global, options: &Options) -> Result<Ended> {
             }
         }
     }
-    let of_all: Vec<CornerOffset> = offsets.iter().map(|(_, offset)| offset.clone()).collect();
-    let mean = mean_offset(&of_all).ok_or_else(|| {
-        Error::Other(format!(
-            "{}: {} clean corners, at least 2 are needed to measure the offset",
+    let found = [Found::of(&COVERAGE, &in_coverage), Found::of(&RADIANCE, &in_radiance)];
+    let [Some(coverage), radiance] = found else {
+        return Err(Error::Other(format!(
+            "{}: {} of {visible} visible sharp corners can be measured, at least 2 are needed to \
+             tell the offset; render suite bare",
             options.dataset.display(),
-            offsets.len()
-        ))
-    })?;
-    let far = offsets.iter().filter(|(_, offset)| is_far(offset)).count();
-    let passed = mean.length_px <= LARGEST_OFFSET_PX && far == 0 && unreadable.is_empty();
+            in_coverage.len()
+        )));
+    };
+    let passed = coverage.passed && radiance.as_ref().is_none_or(|found| found.passed);
+    let passed = passed && unreadable.is_empty();
     if global.json {
+        print_line(json!({
+            "coverage": coverage.json(&in_coverage),
+            "radiance": radiance.map(|found| found.json(&in_radiance)),
+            "visible": visible,
+            "not_sharp": not_sharp,
+            "unreadable": unreadable,
+            "passed": passed,
+        }))?;
+    } else {
+        print_line(coverage.sentence(visible))?;
+        match radiance {
+            Some(found) => print_line(found.sentence(visible))?,
+            None => print_line("radiance: fewer than 2 corners are clean enough to be measured")?,
+        }
+        print_line(format_args!(
+            "{} scenes unreadable, {not_sharp} not measured because edges are rounded or out of \
+             focus: {}",
+            unreadable.len(),
+            if passed { "renderer, reader and projection agree" } else { "FAILED" },
+        ))?;
+    }
+    Ok(if passed { Ended::Well } else { Ended::Partly })
+}
+
+/// What was measured of a scene.
+struct Measured {
+    /// Corners that are visible, measured or not.
+    visible: usize,
+    in_coverage: Vec<CornerOffset>,
+    in_radiance: Vec<CornerOffset>,
+}
+
+/// The offsets of a scene's corners; `None` where its edges are not sharp.
+fn measure(dataset: &Dataset, name: &str) -> Result<Option<Measured>> {
+    let scene: Scene = dataset.read(name)?;
+    let coverage = dataset.read_coverage(&scene)?;
+    if !is_sharp(&scene) {
+        return Ok(None);
+    }
+    let is_visible = |corner: &&TrueCorner| corner.visibility == Visibility::Visible;
+    Ok(Some(Measured {
+        visible: scene.truth.corners.iter().filter(is_visible).count(),
+        in_coverage: coverage
+            .map(|coverage| corner_offsets(&scene, Evidence::Coverage(&coverage)))
+            .unwrap_or_default(),
+        in_radiance: corner_offsets(&scene, Evidence::Radiance),
+    }))
+}
+
+/// What was found in one kind of evidence.
+struct Found {
+    limits: &'static Limits,
+    mean: MeanOffset,
+    root_mean_square_px: f64,
+    phases: usize,
+    far: Vec<String>,
+    passed: bool,
+}
+
+impl Found {
+    fn of(limits: &'static Limits, offsets: &[(&str, CornerOffset)]) -> Option<Self> {
+        let all: Vec<CornerOffset> = offsets.iter().map(|(_, offset)| offset.clone()).collect();
+        let mean = mean_offset(&all)?;
+        let root_mean_square_px = root_mean_square_px(&all)?;
+        let far: Vec<String> = offsets
+            .iter()
+            .filter(|(_, offset)| limits.is_far(offset))
+            .map(|(scene, offset)| format!("{scene} corner {}", offset.corner))
+            .collect();
+        #[allow(clippy::cast_possible_truncation, reason = "in 0..32")]
+        let phase = |value: f64| ((value - value.floor()) * PHASES) as i64;
+        let phases: BTreeSet<[i64; 2]> = all
+            .iter()
+            .map(|offset| [phase(offset.image_point_px.x), phase(offset.image_point_px.y)])
+            .collect();
+        let [x_error, y_error] = mean.standard_error_px;
+        let passed = mean.length_px <= limits.mean_px + CERTAIN * x_error.hypot(y_error)
+            && limits.root_mean_square_px.is_none_or(|most| root_mean_square_px <= most)
+            && far.is_empty();
+        Some(Self { limits, mean, root_mean_square_px, phases: phases.len(), far, passed })
+    }
+
+    fn sentence(&self, visible: usize) -> String {
+        let ([x, y], [x_error, y_error]) = (self.mean.mean_px, self.mean.standard_error_px);
+        let most = self.limits.root_mean_square_px.map(|most| format!(" (at most {most})"));
+        let far = if self.far.is_empty() {
+            "none far off".to_owned()
+        } else {
+            format!("far off: {}", self.far.join(", "))
+        };
+        format!(
+            "{}: {} of {visible} visible corners, {} different sub-pixel phases, mean offset ({x:+.5}, {y:+.5}) px +- \
+             ({x_error:.5}, {y_error:.5}), length {:.5} px (at most {}), RMS {:.5} px{}, {far}: {}",
+            self.limits.name,
+            self.mean.corners,
+            self.phases,
+            self.mean.length_px,
+            self.limits.mean_px,
+            self.root_mean_square_px,
+            most.unwrap_or_default(),
+            if self.passed { "passed" } else { "FAILED" },
+        )
+    }
+
+    fn json(&self, offsets: &[(&str, CornerOffset)]) -> Value {
         let rows: Vec<_> = offsets
             .iter()
             .map(|(scene, offset)| {
@@ -55,38 +185,25 @@ pub(super) fn run(global: &Global, options: &Options) -> Result<Ended> {
                     "corner": offset.corner,
                     "offset_px": offset.offset_px,
                     "standard_error_px": offset.standard_error_px,
-                    "far": is_far(offset),
+                    "far": self.limits.is_far(offset),
                 })
             })
             .collect();
-        print_line(json!({
-            "corners": rows, "mean": mean, "far": far, "unreadable": unreadable, "passed": passed,
-        }))?;
-    } else {
-        for (scene, offset) in &offsets {
-            let ([x, y], [x_error, y_error]) = (offset.offset_px, offset.standard_error_px);
-            print_line(format_args!(
-                "{scene} corner {}: offset ({x:+.4}, {y:+.4}) px +- ({x_error:.4}, {y_error:.4}){}",
-                offset.corner,
-                if is_far(offset) { " FAR" } else { "" },
-            ))?;
-        }
-        let ([x, y], [x_error, y_error]) = (mean.mean_px, mean.standard_error_px);
-        print_line(format_args!(
-            "mean offset of {} clean corners: ({x:+.4}, {y:+.4}) px +- ({x_error:.4}, {y_error:.4}), \
-             length {:.4} px (at most {LARGEST_OFFSET_PX}), {far} corners far off, {} scenes \
-             unreadable: {}",
-            mean.corners,
-            mean.length_px,
-            unreadable.len(),
-            if passed { "renderer, reader and projection agree" } else { "FAILED" },
-        ))?;
+        json!({
+            "corners": rows,
+            "mean": self.mean,
+            "root_mean_square_px": self.root_mean_square_px,
+            "phases": self.phases,
+            "far": self.far,
+            "passed": self.passed,
+        })
     }
-    Ok(if passed { Ended::Well } else { Ended::Partly })
 }
 
-/// Whether a corner's own offset is larger than its uncertainty explains.
-fn is_far(offset: &CornerOffset) -> bool {
-    let pairs = offset.offset_px.iter().zip(&offset.standard_error_px);
-    pairs.into_iter().any(|(offset, error)| offset.abs() > FAR_PX + 5.0 * error)
+impl Limits {
+    /// Whether a corner's own offset is larger than its uncertainty explains.
+    fn is_far(&self, offset: &CornerOffset) -> bool {
+        let pairs = offset.offset_px.iter().zip(&offset.standard_error_px);
+        pairs.into_iter().any(|(offset, error)| offset.abs() > self.far_px + 5.0 * error)
+    }
 }

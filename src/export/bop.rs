@@ -1,7 +1,7 @@
 //! The BOP challenge's format, "scenewise": one BOP scene with one image a scene.
 //!
-//! The images of a BOP scene share a world, and those of two of our scenes do not. Targets of one size
-//! share a model.
+//! The images of a BOP scene share a world, and those of two of our scenes do not. Targets of one kind
+//! and size share a model.
 
 use std::fmt::Write as _;
 use std::fs;
@@ -17,7 +17,7 @@ use crate::error::{Error, Result};
 use crate::files::write_json;
 use crate::geometry::{Camera, ImagePoint, Pose};
 use crate::image::{PixelRange, Plane};
-use crate::scene::Scene;
+use crate::scene::{Scene, TargetKind};
 
 /// The image of every BOP scene, and the annotation of every image.
 const ONLY: usize = 0;
@@ -30,8 +30,8 @@ const EQUAL: f64 = 1e-9;
 /// An export to BOP, growing.
 pub(super) struct Bop {
     folder: PathBuf,
-    /// Sizes of the models \[m\]; model i is object i + 1.
-    models: Vec<[f64; 3]>,
+    /// Kinds of the models, and their sizes \[m\]; model i is object i + 1.
+    models: Vec<(TargetKind, [f64; 3])>,
     targets: Vec<Value>,
     camera: Option<Value>,
 }
@@ -41,12 +41,12 @@ impl Bop {
         Self { folder: folder.to_owned(), models: Vec::new(), targets: Vec::new(), camera: None }
     }
 
-    /// The object of this size.
-    fn object(&mut self, size_m: [f64; 3]) -> usize {
-        #[allow(clippy::float_cmp, reason = "the same numbers make the same model, no others do")]
-        let known = self.models.iter().position(|known_m| *known_m == size_m);
+    /// The object of this kind and size.
+    fn object(&mut self, kind: TargetKind, size_m: [f64; 3]) -> usize {
+        // The same numbers make the same model, no others do.
+        let known = self.models.iter().position(|known| *known == (kind, size_m));
         1 + known.unwrap_or_else(|| {
-            self.models.push(size_m);
+            self.models.push((kind, size_m));
             self.models.len() - 1
         })
     }
@@ -75,8 +75,8 @@ impl Writer for Bop {
         let size_m = description.target.size_m;
         let target_from_model = Translation3::new(0.0, 0.0, 0.5 * size_m[2]);
         let camera_from_model =
-            camera_from_world * description.target.world_from_cuboid * target_from_model;
-        let object = self.object(size_m);
+            camera_from_world * description.target.world_from_target * target_from_model;
+        let object = self.object(description.target.kind, size_m);
         let (world_rotation, world_mm) = rotation_and_translation_mm(&camera_from_world);
         let (model_rotation, model_mm) = rotation_and_translation_mm(&camera_from_model);
         let of_image = |content: Value| Map::from_iter([(ONLY.to_string(), content)]);
@@ -129,11 +129,11 @@ impl Writer for Bop {
             let folder = self.folder.join(name);
             fs::create_dir_all(&folder).map_err(Error::io(&folder, "create"))?;
             let mut info = Map::new();
-            for (index, size_m) in self.models.iter().enumerate() {
+            for (index, (kind, size_m)) in self.models.iter().enumerate() {
                 let object = index + 1;
                 let path = folder.join(format!("obj_{object:06}.ply"));
                 fs::write(&path, ply(size_m)).map_err(Error::io(&path, "write"))?;
-                info.insert(object.to_string(), model_info(size_m));
+                info.insert(object.to_string(), model_info(*kind, size_m));
             }
             write_json(&folder.join("models_info.json"), &info)?;
         }
@@ -279,7 +279,7 @@ fn size_mm(size_m: &[f64; 3]) -> [f64; 3] {
     size_m.map(|side| 1e3 * side)
 }
 
-fn model_info(size_m: &[f64; 3]) -> Value {
+fn model_info(kind: TargetKind, size_m: &[f64; 3]) -> Value {
     let [length, width, height] = size_mm(size_m);
     json!({
         "diameter": Vector3::new(length, width, height).norm(),
@@ -289,13 +289,14 @@ fn model_info(size_m: &[f64; 3]) -> Value {
         "size_x": length,
         "size_y": width,
         "size_z": height,
-        "symmetries_discrete": symmetries(size_m),
+        "symmetries_discrete": symmetries(kind, size_m),
     })
 }
 
-/// The rotations other than the identity that take a box onto itself, as 4 x 4 matrices row by row:
-/// half turns about the axes, more where sides are equal.
-fn symmetries(size_m: &[f64; 3]) -> Vec<[f64; 16]> {
+/// The rotations other than the identity that take a target onto itself, as 4 x 4 matrices row by row:
+/// of a box half turns about the axes, more where sides are equal; of a board those of them that leave
+/// its pattern above. (Its squares are odd in number along both sides: the pattern turns with it.)
+fn symmetries(kind: TargetKind, size_m: &[f64; 3]) -> Vec<[f64; 16]> {
     const ORDERS: [[usize; 3]; 6] =
         [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]];
     let mut found = Vec::new();
@@ -310,7 +311,8 @@ fn symmetries(size_m: &[f64; 3]) -> Vec<[f64; 16]> {
             let (here, there) = (size_m[row], size_m[order[row]]);
             (here - there).abs() <= EQUAL * here.max(there)
         });
-        if fits && matrix.determinant() > 0.0 && matrix != Matrix3::identity() {
+        let upright = kind == TargetKind::Cuboid || matrix[(2, 2)] > 0.0;
+        if fits && upright && matrix.determinant() > 0.0 && matrix != Matrix3::identity() {
             let rows = matrix.to_homogeneous().transpose();
             found.push(std::array::from_fn(|place| rows[place]));
         }
@@ -324,7 +326,7 @@ mod tests {
 
     #[test]
     fn a_box_has_three_half_turns_and_more_where_sides_are_equal() {
-        let count = |size_m| symmetries(&size_m).len();
+        let count = |size_m| symmetries(TargetKind::Cuboid, &size_m).len();
         assert_eq!(count([0.1, 0.2, 0.3]), 3);
         assert_eq!(count([0.2, 0.2, 0.3]), 7);
         assert_eq!(count([0.3, 0.2, 0.3]), 7);
@@ -332,11 +334,21 @@ mod tests {
     }
 
     #[test]
-    fn targets_of_one_size_share_a_model() {
+    fn a_board_turns_about_its_normal_alone() {
+        let turns = |size_m| symmetries(TargetKind::Board, &size_m);
+        assert_eq!(turns([0.3, 0.2, 0.004]).len(), 1);
+        assert_eq!(turns([0.2, 0.2, 0.004]).len(), 3);
+        assert!(turns([0.2, 0.2, 0.2]).iter().all(|turn| turn[10] > 0.0), "the third axis stays");
+    }
+
+    #[test]
+    fn targets_of_one_kind_and_size_share_a_model() {
+        use TargetKind::{Board, Cuboid};
         let mut export = Bop::new(Path::new("unused"));
-        let sizes = [[0.1, 0.2, 0.3], [0.2, 0.2, 0.3], [0.1, 0.2, 0.3]];
-        assert_eq!(sizes.map(|size_m| export.object(size_m)), [1, 2, 1]);
-        assert_eq!(export.models, sizes[..2]);
+        let (long, square) = ([0.1, 0.2, 0.3], [0.2, 0.2, 0.3]);
+        let targets = [(Cuboid, long), (Cuboid, square), (Cuboid, long), (Board, long)];
+        assert_eq!(targets.map(|(kind, size_m)| export.object(kind, size_m)), [1, 2, 1, 3]);
+        assert_eq!(export.models, [targets[0], targets[1], targets[3]]);
     }
 
     #[test]

@@ -126,7 +126,7 @@ impl Writer for Coco {
         let mask = visible_mask(scene);
         let (width, height) = (mask.width(), mask.height());
         self.content.images.push(Image { id, file_name, width, height });
-        let category_id = self.category(KIND, &scene.truth);
+        let category_id = self.category(scene.description.target.kind.name(), &scene.truth);
         // A target of which nothing is seen is not annotated: the image is one without a target.
         let Some(range) = mask.range() else { return Ok(()) };
         let keypoints = keypoints(&scene.description, &scene.truth);
@@ -151,9 +151,6 @@ impl Writer for Coco {
         fs::write(&path, text).map_err(Error::io(&path, "write"))
     }
 }
-
-/// The kind of every target so far.
-const KIND: &str = "cuboid";
 
 /// x, y, v of each corner; 0, 0, 0 outside the image.
 fn keypoints(description: &Description, truth: &Truth) -> Vec<f64> {

@@ -195,7 +195,7 @@ fn read(dataset: &Dataset, name: &str) -> Result<Scene> {
 /// x, bit 1 along y, bit 2 along z of the target's own frame, as with the corners of truth.json.
 fn target_box(description: &Description) -> [Point3<f64>; 8] {
     let target = &description.target;
-    let camera_from_target = description.world_from_camera.inverse() * target.world_from_cuboid;
+    let camera_from_target = description.world_from_camera.inverse() * target.world_from_target;
     let [length, width, height] = target.size_m;
     std::array::from_fn(|index| {
         let side = |axis: usize| if index >> axis & 1 == 1 { 1.0 } else { 0.0 };

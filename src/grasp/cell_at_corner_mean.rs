@@ -2,10 +2,11 @@
 //!
 //! ```text
 //! # Method      u = (p0 + p1 + p2 + p3) / 4;  X = the point of the range cell whose ray is nearest
-//!               to the ray through u;  X_world = world_from_camera * X.
-//! # Input       a face; the colour camera and its pose; a range image that shares the pose.
+//!               to the ray through u;  X_world = world_from_range * X.
+//! # Input       a face; the colour camera and its pose; a range image and its sensor's pose.
 //! # Parameters  lookup  cell   cell: X is the cell's own point, as in the source;
-//!                              ray: X is the point on the ray through u at the cell's depth
+//!                              ray: X is the point on the ray through u at the depth of the
+//!                              cell's point in the camera frame
 //! # Output      u [px], X in the camera frame and in the world [m]; no_range where the cell is
 //!               empty.
 //! # Border      beyond the range image, the nearest cell of its border.
@@ -24,13 +25,12 @@
 //! ```
 
 use nalgebra::Point3;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use toml::Table;
 
-use crate::error::Result;
 use crate::geometry::ImagePoint;
 use crate::grasp::{Face, Grasp, GraspEstimator, NoGrasp};
-use crate::registry::{self, Entry};
+use crate::registry::{Entry, defaults, parameters, schema};
 use crate::sensor::{RangeImage, Rig};
 
 /// The registry's line.
@@ -40,12 +40,13 @@ pub const ENTRY: Entry<dyn GraspEstimator> = Entry {
     reference: "Visual recognition of robot targets in complex state based on sub-pixel Harris \
                 corner, section 5",
     version: 1,
-    defaults: registry::defaults::<CellAtCornerMean>,
-    build: |place, table| Ok(Box::new(CellAtCornerMean::from_table(place, table)?)),
+    defaults: defaults::<CellAtCornerMean>,
+    schema: schema::<CellAtCornerMean>,
+    build: |place, table| Ok(Box::new(parameters::<CellAtCornerMean>(place, table)?)),
 };
 
 /// What is taken from the range cell.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Lookup {
     /// Its point.
@@ -56,17 +57,11 @@ pub enum Lookup {
 }
 
 /// The estimator; its parameter is that of the header.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct CellAtCornerMean {
     /// What is taken from the range cell.
     pub lookup: Lookup,
-}
-
-impl CellAtCornerMean {
-    fn from_table(place: &str, table: &Table) -> Result<Self> {
-        registry::parameters(place, table)
-    }
 }
 
 impl GraspEstimator for CellAtCornerMean {
@@ -78,9 +73,10 @@ impl GraspEstimator for CellAtCornerMean {
     ) -> std::result::Result<Grasp, NoGrasp> {
         let image_point = mean(&face.corners);
         let cell = cell_point(range, rig, image_point).ok_or(NoGrasp::NoRange)?;
+        let cell_in_camera = rig.world_from_camera.inverse() * (range.world_from_range * cell);
         let point_in_camera = match self.lookup {
-            Lookup::Cell => cell,
-            Lookup::Ray => rig.camera.unproject(image_point, cell.z),
+            Lookup::Cell => cell_in_camera,
+            Lookup::Ray => rig.camera.unproject(image_point, cell_in_camera.z),
         };
         let point_in_world = rig.world_from_camera * point_in_camera;
         Ok(Grasp { image_point, point_in_camera, point_in_world })
@@ -93,10 +89,7 @@ fn mean(corners: &[ImagePoint; 4]) -> ImagePoint {
 }
 
 fn cell_point(range: &RangeImage, rig: &Rig, point: ImagePoint) -> Option<Point3<f64>> {
-    if range.points.samples().is_empty() {
-        return None;
-    }
-    let (x, y) = range.nearest_cell(&rig.camera, point);
+    let (x, y) = range.nearest_cell(rig, point)?;
     range.points.at(x, y)
 }
 
@@ -124,7 +117,7 @@ mod tests {
         let points = Plane::from_fn(4, 4, |x, y| {
             ((x, y) != (3, 3)).then(|| camera.unproject(ImagePoint::new(x as f64, y as f64), 1.0))
         });
-        RangeImage { camera, points }
+        RangeImage { camera, world_from_range: rig().world_from_camera, points }
     }
 
     fn square_at(x: f64, y: f64) -> Face {
@@ -156,6 +149,25 @@ mod tests {
         let grasp = estimate("lookup = \"ray\"", &square_at(41.5, 25.5)).expect("range");
         assert!((grasp.point_in_camera - Point3::new(0.3125, -0.1875, 1.0)).norm() < 1e-12);
         assert!((grasp.point_in_world - Point3::new(0.3125, 0.1875, 0.0)).norm() < 1e-12);
+    }
+
+    #[test]
+    fn a_sensor_with_a_pose_of_its_own_answers_in_its_own_frame() {
+        // Half a metre to the right of the camera and as much nearer to the ground: its cell (2, 1)
+        // sees the same direction, so a point half a metre off.
+        let mut elsewhere = range();
+        elsewhere.world_from_range =
+            Isometry3::translation(0.5, 0.0, -0.5) * rig().world_from_camera;
+        let ask = |lookup| {
+            let estimator = CellAtCornerMean { lookup };
+            estimator.estimate(&square_at(41.5, 25.5), &rig(), &elsewhere).expect("range")
+        };
+        let cell = ask(Lookup::Cell);
+        assert!((cell.point_in_world - Point3::new(0.75, 0.25, -0.5)).norm() < 1e-12, "{cell:?}");
+        assert!((cell.point_in_camera - Point3::new(0.75, -0.25, 1.5)).norm() < 1e-12, "{cell:?}");
+        let ray = ask(Lookup::Ray);
+        let expected = Point3::new(0.468_75, -0.281_25, 1.5);
+        assert!((ray.point_in_camera - expected).norm() < 1e-12, "{ray:?}");
     }
 
     #[test]

@@ -82,7 +82,7 @@ impl NoGrasp {
 
 /// Computes a grasp point from a face.
 pub trait GraspEstimator: Send + Sync {
-    /// Returns the grasp, or why there is none. The range sensor shares the camera's pose.
+    /// Returns the grasp, or why there is none.
     ///
     /// # Errors
     /// [`NoGrasp`], a counted status.

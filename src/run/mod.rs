@@ -12,7 +12,7 @@ use crate::error::{Error, Result};
 use crate::files::{replace_folder, write_json, write_whole};
 use crate::plan::{Pipeline, Plan};
 use crate::record::{RECORD_VERSION, Record, RunDescription, kind, status, write_records};
-use crate::scene::{Dataset, Scene};
+use crate::scene::{Dataset, Scene, Split};
 use crate::sensor::{Exposure, RangeImage, Rig, expose};
 
 /// What a run did.
@@ -24,7 +24,8 @@ pub struct Outcome {
     pub unreadable: usize,
 }
 
-/// Measures every scene of `dataset` by every pipeline of `plan` and writes the run's folder:
+/// Measures every scene of `dataset`, or of one split of it, by every pipeline of `plan` and writes
+/// the run's folder:
 /// run.json, records.parquet and scenes/. Scenes are done in parallel; the rows' order is the
 /// plan's, whatever the number of threads. `on_scene` is called as each is done.
 ///
@@ -33,6 +34,7 @@ pub struct Outcome {
 pub fn measure(
     plan: &Plan,
     dataset: &Dataset,
+    split: Option<Split>,
     output: &Path,
     command: &str,
     on_scene: &(dyn Fn(&str) + Sync),
@@ -46,7 +48,12 @@ pub fn measure(
         )));
     }
     replace_folder(&pictures)?;
-    let scenes: Vec<&str> = dataset.scenes().collect();
+    // A scene whose description cannot be read is no less unreadable for belonging to either split.
+    let is_wanted = |name: &&str| {
+        split
+            .is_none_or(|wanted| dataset.describe(name).map_or(true, |scene| scene.split == wanted))
+    };
+    let scenes: Vec<&str> = dataset.scenes().filter(is_wanted).collect();
     let rows: Vec<Vec<Record>> = scenes
         .par_iter()
         .map(|name| {
@@ -95,8 +102,11 @@ fn measure_scene(
         camera: scene.description.camera,
         world_from_camera: scene.description.world_from_camera,
     };
-    let range =
-        RangeImage { camera: scene.description.range_camera, points: scene.range_points.clone() };
+    let range = RangeImage {
+        camera: scene.description.range_camera,
+        world_from_range: scene.description.world_from_range,
+        points: scene.range_points.clone(),
+    };
     fs::create_dir_all(folder).map_err(Error::io(folder, "create"))?;
     pictures::write_exposure(&folder.join("exposure.png"), &exposure)?;
     let depth_range_m = pictures::write_depth(&folder.join("depth.png"), &scene.geometry.depth_m)?;
@@ -158,6 +168,7 @@ fn template(plan: &Plan, pipeline: &Pipeline, dataset: &Dataset, scene: &Scene) 
         scene_recipe_sha256: scene.recipe_sha256.clone(),
         family: scene.description.family.clone(),
         pose: scene.description.pose.clone(),
+        split: Some(scene.description.split.name().to_owned()),
         camera: plan.camera.clone(),
         method: pipeline.name.clone(),
         target_extractor: pipeline.target.label(),

@@ -44,6 +44,8 @@ fn corner_record(
         status: status.to_owned(),
         corner_index: corner.and_then(|corner| i32::try_from(corner.index).ok()),
         visibility: corner.map(|corner| visibility_name(corner.visibility).to_owned()),
+        junction: corner.and_then(|corner| corner.junction).map(|kind| kind.name().to_owned()),
+        render_noise_floor_px: corner.and_then(|corner| corner.render_noise_floor_px),
         true_x_px: corner.map(|corner| corner.image_point_px.x),
         true_y_px: corner.map(|corner| corner.image_point_px.y),
         detected_x_px: answer.map(|answer| answer.seed.point.x),

@@ -14,10 +14,10 @@ use crate::error::{Error, Result};
 use crate::geometry::Camera;
 use crate::image::Plane;
 use crate::scene::layers::Layers;
-use crate::scene::{Description, Film, Geometry, Truth};
+use crate::scene::{Coverage, Description, Film, Geometry, Truth};
 
 /// The version of the dataset format that this program reads.
-pub const FORMAT: u32 = 1;
+pub const FORMAT: u32 = 2;
 
 /// A rendered suite on disk.
 #[derive(Clone, Debug)]
@@ -72,7 +72,7 @@ pub struct Scene {
     pub film: Film,
     /// What each pixel's central ray meets.
     pub geometry: Geometry,
-    /// What the range sensor's rays meet, in the camera frame \[m\]; `None` where nothing.
+    /// What the range sensor's rays meet, in its own frame \[m\]; `None` where nothing.
     pub range_points: Plane<Option<Point3<f64>>>,
 }
 
@@ -143,36 +143,16 @@ impl Dataset {
     /// [`Error::Altered`] for a file that is missing or not the one that was rendered,
     /// [`Error::Malformed`] for one that is, but does not hold what it should.
     pub fn read(&self, scene: &str) -> Result<Scene> {
-        let entry = self.entry(scene).ok_or_else(|| Error::UnknownName {
-            place: self.folder.display().to_string(),
-            kind: "scene".to_owned(),
-            found: scene.to_owned(),
-            known: self.scenes().map(str::to_owned).collect(),
-        })?;
+        let entry = self.known(scene)?;
         let folder = self.folder.join(scene);
-        let path = folder.join("scene.json");
-        let description: Description = parse(&path, &self.checked(entry, &path)?)?;
-        if description.format != FORMAT {
-            let problem = format!("format is {}, this program reads {FORMAT}", description.format);
-            return Err(Error::malformed(&path, problem));
-        }
+        let description = self.describe(scene)?;
         // What is read for people alone is checked, too.
         const READ: [&str; 5] =
             ["scene.json", "truth.json", "film.exr", "geometry.exr", "range.exr"];
         for name in entry.files.keys().filter(|name| !READ.contains(&name.as_str())) {
             self.checked(entry, &folder.join(name))?;
         }
-        check_camera(&path, "camera", &description.camera)?;
-        check_camera(&path, "range_camera", &description.range_camera)?;
         let oversampling = description.film.oversampling;
-        if !(1..=16).contains(&oversampling) {
-            return Err(Error::OutOfRange {
-                place: path.display().to_string(),
-                key: "film.oversampling".into(),
-                found: oversampling.to_string(),
-                allowed: "in 1..=16".into(),
-            });
-        }
         let size = |camera: &Camera, scale: u32| {
             (camera.width as usize * scale as usize, camera.height as usize * scale as usize)
         };
@@ -218,6 +198,71 @@ impl Dataset {
             geometry,
             range_points,
         })
+    }
+
+    fn known(&self, scene: &str) -> Result<&SceneEntry> {
+        self.entry(scene).ok_or_else(|| Error::UnknownName {
+            place: self.folder.display().to_string(),
+            kind: "scene".to_owned(),
+            found: scene.to_owned(),
+            known: self.scenes().map(str::to_owned).collect(),
+        })
+    }
+
+    /// Reads what was resolved about one scene, and nothing else of it.
+    ///
+    /// # Errors
+    /// As [`Dataset::read`].
+    pub fn describe(&self, scene: &str) -> Result<Description> {
+        let entry = self.known(scene)?;
+        let path = self.folder.join(scene).join("scene.json");
+        let description: Description = parse(&path, &self.checked(entry, &path)?)?;
+        if description.format != FORMAT {
+            let problem = format!("format is {}, this program reads {FORMAT}", description.format);
+            return Err(Error::malformed(&path, problem));
+        }
+        check_camera(&path, "camera", &description.camera)?;
+        check_camera(&path, "range_camera", &description.range_camera)?;
+        let out_of_range = |key: &str, found: String, allowed: String| Error::OutOfRange {
+            place: path.display().to_string(),
+            key: key.into(),
+            found,
+            allowed,
+        };
+        let film = &description.film;
+        if !(1..=16).contains(&film.oversampling) {
+            let (found, allowed) = (film.oversampling.to_string(), "in 1..=16".to_owned());
+            return Err(out_of_range("film.oversampling", found, allowed));
+        }
+        let [x0, y0, x1, y1] = film.fovea_px;
+        let (width, height) = (description.camera.width, description.camera.height);
+        if x0 > x1 || y0 > y1 || x1 > width || y1 > height {
+            let allowed = format!("a part of {width} x {height} px");
+            return Err(out_of_range("film.fovea_px", format!("{:?}", film.fovea_px), allowed));
+        }
+        Ok(description)
+    }
+
+    /// Reads the coverage of a scene that was read; `None` where the target is not in the image.
+    ///
+    /// # Errors
+    /// As [`Dataset::read`].
+    pub fn read_coverage(&self, scene: &Scene) -> Result<Option<Coverage>> {
+        let film = &scene.description.film;
+        let [x0, y0, x1, y1] = film.fovea_px;
+        if x0 == x1 || y0 == y1 {
+            return Ok(None);
+        }
+        let path = self.folder.join(&scene.name).join("coverage.exr");
+        let bytes = self.checked(self.known(&scene.name)?, &path)?;
+        let mut layers = Layers::decode(&path, &bytes)?;
+        let size = [x1 - x0, y1 - y0].map(|side| (side * film.oversampling) as usize);
+        let mut plane = |c| layers.floats("coverage", c, (size[0], size[1]));
+        Ok(Some(Coverage {
+            fovea_px: film.fovea_px,
+            oversampling: film.oversampling,
+            regions: [plane("R")?, plane("G")?, plane("B")?],
+        }))
     }
 
     /// The bytes of a scene's file, when they are those that were rendered.

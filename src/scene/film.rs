@@ -11,6 +11,18 @@ pub struct Film {
     pub radiance: [Plane<f32>; 3],
 }
 
+/// How much of each film cell regions of the target fill, as seen, in the fovea.
+#[derive(Clone, Debug)]
+pub struct Coverage {
+    /// Where: first column, first row, one past the last column and row \[px\].
+    pub fovea_px: [u32; 4],
+    /// Film cells per pixel and direction.
+    pub oversampling: u32,
+    /// Of a cuboid the faces that look at the camera, in the order of their index; of a board its
+    /// black squares and the rest of it. Each in \[0, 1\].
+    pub regions: [Plane<f32>; 3],
+}
+
 impl Film {
     /// One channel at sensor resolution: the mean of each pixel's film cells.
     #[allow(clippy::cast_possible_truncation, reason = "a mean of f32 values fits f32")]

@@ -10,7 +10,10 @@ mod layers;
 mod truth;
 
 pub use dataset::{Dataset, FORMAT, Renderer, Scene, sha256_hex};
-pub use description::{Description, FilmDescription, TargetDescription};
-pub use film::Film;
+pub use description::{Description, FilmDescription, Lens, Split, TargetDescription, TargetKind};
+pub use film::{Coverage, Film};
 pub use geometry::{Geometry, NO_FACE};
-pub use truth::{TrueCorner, TrueEdge, TrueFace, Truth, Visibility, polygon_area_px2};
+pub use truth::{
+    Cause, EdgeAtCorner, EdgeEnd, FaceAtCorner, FalseJunction, IntervalEnd, Junction, SeenInterval,
+    TrueCorner, TrueEdge, TrueFace, Truth, Visibility, polygon_area_px2,
+};

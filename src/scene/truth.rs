@@ -8,14 +8,18 @@ use crate::geometry::ImagePoint;
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Truth {
-    /// The eight vertices, in the order of their index.
+    /// The vertices, in the order of their index.
     pub corners: Vec<TrueCorner>,
-    /// The twelve edges.
+    /// The edges, in the order of their index.
     pub edges: Vec<TrueEdge>,
-    /// The six faces.
+    /// The faces, in the order of their index.
     pub faces: Vec<TrueFace>,
+    /// Image points that look like corners of the target and are none.
+    pub false_junctions: Vec<FalseJunction>,
     /// Share of the target's image area that nothing hides.
     pub target_visible_fraction: f64,
+    /// The largest distance between two projected vertices \[px\].
+    pub across_px: f64,
 }
 
 /// How a vertex stands to the camera.
@@ -32,11 +36,41 @@ pub enum Visibility {
     Outside,
 }
 
+/// What a visible corner looks like: what the edges make that are seen from it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Junction {
+    /// Two edges.
+    L,
+    /// Three edges, less than half a turn between any two neighbours.
+    Y,
+    /// Three edges on one side.
+    #[serde(rename = "arrow")]
+    Arrow,
+    /// Four edges of a board.
+    X,
+    /// One edge.
+    #[serde(rename = "edge end")]
+    EdgeEnd,
+}
+
+impl Junction {
+    /// The name used in files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::L => "L",
+            Self::Y => "Y",
+            Self::Arrow => "arrow",
+            Self::X => "X",
+            Self::EdgeEnd => "edge end",
+        }
+    }
+}
+
 /// A vertex of the target.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TrueCorner {
-    /// 0 to 7.
+    /// Its place in the list.
     pub index: usize,
     /// Position in the world \[m\]: the intersection of the ideal planes.
     pub position_m: [f64; 3],
@@ -44,31 +78,147 @@ pub struct TrueCorner {
     pub image_point_px: ImagePoint,
     /// Whether it is seen.
     pub visibility: Visibility,
-    /// The three faces that meet there.
-    pub faces: [usize; 3],
+    /// What it looks like; `None` where it is not seen, or none of its edges is.
+    pub junction: Option<Junction>,
+    /// The edges at it that bound a face which looks at the camera.
+    pub edges: Vec<EdgeAtCorner>,
+    /// The faces at it that look at the camera.
+    pub faces: Vec<FaceAtCorner>,
+    /// Distance in the image to where an object begins that is nearer than the corner \[px\]; `None`
+    /// where there is none within 64 px, or the corner is not seen.
+    pub nearest_occluder_px: Option<f64>,
+    /// Radius of the rounded edges \[px\], 0 where they are sharp.
+    pub bevel_radius_px: f64,
+    /// The projection of the rounded corner's outermost point \[px\]; `None` where it is sharp.
+    pub apex_image_point_px: Option<ImagePoint>,
+    /// Standard deviation of the lens's blur, along any axis \[px\].
+    pub blur_px: f64,
+    /// Root mean square error of the corner's place that the render's noise alone enforces \[px\].
+    pub render_noise_floor_px: Option<f64>,
+}
+
+/// An edge as it is seen from one of its ends.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EdgeAtCorner {
+    /// Which edge.
+    pub edge: usize,
+    /// Unit vector in the image, away from the corner.
+    pub direction: [f64; 2],
+    /// Length of its projection \[px\].
+    pub length_px: f64,
+    /// How far it is seen from the corner on \[px\].
+    pub visible_length_px: f64,
+    /// Radiance to the right of the direction (as seen, y down) minus that to the left.
+    pub contrast: Option<[f64; 3]>,
+    /// Standard deviation of the lens's blur in the middle of what is seen \[px\].
+    pub blur_px: f64,
+}
+
+/// A face at a corner.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FaceAtCorner {
+    /// Which face.
+    pub face: usize,
+    /// Share of its area that is seen.
+    pub visible_fraction: f64,
+    /// Share that is seen of what of its image lies within 10 px of the corner.
+    pub near_visible_fraction: Option<f64>,
 }
 
 /// An edge of the target.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TrueEdge {
-    /// 0 to 11.
+    /// Its place in the list.
     pub index: usize,
     /// The two vertices at its ends.
     pub corners: [usize; 2],
-    /// The two faces that meet there.
+    /// The two faces that meet there; twice the same where it is drawn on one.
     pub faces: [usize; 2],
     /// Share of its length that is seen.
     pub visible_fraction: f64,
+    /// The parts that are seen, in order.
+    pub visible: Vec<SeenInterval>,
+}
+
+/// A part of an edge that is seen.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SeenInterval {
+    /// Where it starts: 0 at the edge's first vertex, 1 at its second, linear in space.
+    pub start: f64,
+    /// Where it ends.
+    pub end: f64,
+    /// What is there.
+    pub started_by: IntervalEnd,
+    /// What is there.
+    pub ended_by: IntervalEnd,
+}
+
+/// What ends a part of an edge that is seen.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(untagged)]
+pub enum IntervalEnd {
+    /// The edge's own end, or the frame.
+    Itself(EdgeEnd),
+    /// The object of this id hides the rest.
+    Object(u32),
+}
+
+/// What ends an edge where no object does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum EdgeEnd {
+    /// Its vertex.
+    Vertex,
+    /// The border of the image.
+    Frame,
+}
+
+/// An image point that looks like a corner of the target and is none.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FalseJunction {
+    /// Why it looks like one.
+    pub cause: Cause,
+    /// What is there, for people.
+    pub name: String,
+    /// Where \[px\].
+    pub image_point_px: ImagePoint,
+    /// Where in the world \[m\].
+    pub position_m: [f64; 3],
+    /// The object that hides, or that a shadow falls on.
+    pub object_id: Option<u32>,
+    /// The edge of the target that is hidden from there on.
+    pub edge: Option<usize>,
+}
+
+/// Why something looks like a corner.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Cause {
+    /// An outline crosses an edge of the target or a line of the room.
+    #[serde(rename = "T")]
+    T,
+    /// A corner of the target's shadow.
+    Shadow,
+    /// A corner of what is printed or hung on a surface.
+    Texture,
+    /// A corner of an object that resembles the target.
+    Distractor,
+    /// A corner of the room.
+    Room,
 }
 
 /// A face of the target.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TrueFace {
-    /// 0 to 5.
+    /// Its place in the list.
     pub index: usize,
-    /// "x-", "x+", ..., "z+": the side of the cuboid's own frame.
+    /// "x-", "x+", ..., "z+": the side of the cuboid's own frame; "pattern" of a board.
     pub name: String,
     /// Its vertices, counter-clockwise seen from outside.
     pub corners: [usize; 4],
@@ -82,7 +232,7 @@ pub struct TrueFace {
     pub centre_image_point_px: ImagePoint,
     /// Its outward normal in the world.
     pub normal: [f64; 3],
-    /// Lengths of its first and second side \[m\].
+    /// Lengths of its first and last side \[m\].
     pub extent_m: [f64; 2],
 }
 
@@ -115,13 +265,24 @@ impl Truth {
     pub(crate) fn is_consistent(&self) -> bool {
         let corner = |index: &usize| *index < self.corners.len();
         let face = |index: &usize| *index < self.faces.len();
-        self.corners.len() == 8
-            && self.faces.len() == 6
-            && self.corners.iter().enumerate().all(|(place, c)| c.index == place)
-            && self.faces.iter().enumerate().all(|(place, f)| f.index == place)
-            && self.corners.iter().all(|c| c.faces.iter().all(face))
-            && self.edges.iter().all(|e| e.corners.iter().all(corner) && e.faces.iter().all(face))
+        let edge = |index: &usize| *index < self.edges.len();
+        let in_order = |indices: &mut dyn Iterator<Item = usize>| {
+            indices.enumerate().all(|(place, index)| place == index)
+        };
+        in_order(&mut self.corners.iter().map(|corner| corner.index))
+            && in_order(&mut self.edges.iter().map(|edge| edge.index))
+            && in_order(&mut self.faces.iter().map(|face| face.index))
+            && self.corners.iter().all(|c| {
+                c.edges.iter().all(|e| edge(&e.edge)) && c.faces.iter().all(|f| face(&f.face))
+            })
+            && self.edges.iter().all(|e| {
+                let ordered = |seen: &SeenInterval| 0.0 <= seen.start && seen.start <= seen.end;
+                e.corners.iter().all(corner)
+                    && e.faces.iter().all(face)
+                    && e.visible.iter().all(|seen| ordered(seen) && seen.end <= 1.0)
+            })
             && self.faces.iter().all(|f| f.corners.iter().all(corner))
+            && self.false_junctions.iter().all(|junction| junction.edge.iter().all(edge))
     }
 }
 

@@ -2,25 +2,31 @@
 
 use nalgebra::Point3;
 
-use crate::geometry::{Camera, ImagePoint};
+use crate::geometry::{Camera, ImagePoint, Pose};
 use crate::image::Plane;
+use crate::sensor::Rig;
 
-/// What an XYZ range sensor returns: one point per cell, in its own camera frame \[m\].
+/// What an XYZ range sensor returns: one point per cell, in its own frame \[m\]. z is depth along its
+/// axis; the distance along a ray is never called depth.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RangeImage {
     /// The sensor's pinhole; cell (x, y) looks along the ray through [`ImagePoint`] (x, y).
     pub camera: Camera,
+    /// Where it stands.
+    pub world_from_range: Pose,
     /// The point seen by each cell; `None` where the ray met nothing.
     pub points: Plane<Option<Point3<f64>>>,
 }
 
 impl RangeImage {
-    /// The cell whose ray is nearest to the direction of `point` of a `colour` camera that shares
-    /// this sensor's pose, clamped to the grid.
-    pub fn nearest_cell(&self, colour: &Camera, point: ImagePoint) -> (usize, usize) {
-        let ray = colour.ray(point);
-        let cell_x = self.camera.fx_px * ray.x + self.camera.cx_px;
-        let cell_y = self.camera.fy_px * ray.y + self.camera.cy_px;
+    /// The cell whose ray is nearest in direction to the ray through `point` of the colour camera,
+    /// clamped to the grid; `None` for a ray that goes backwards, and of a grid without cells.
+    pub fn nearest_cell(&self, rig: &Rig, point: ImagePoint) -> Option<(usize, usize)> {
+        let range_from_camera =
+            self.world_from_range.rotation.inverse() * rig.world_from_camera.rotation;
+        let ray = range_from_camera * rig.camera.ray(point);
+        let cell = self.camera.project(&Point3::from(ray))?;
+        let (width, height) = (self.points.width(), self.points.height());
         #[allow(
             clippy::cast_possible_truncation,
             clippy::cast_sign_loss,
@@ -28,29 +34,46 @@ impl RangeImage {
             reason = "clamped to the grid first"
         )]
         let index = |cell: f64, count: usize| cell.round().clamp(0.0, (count - 1) as f64) as usize;
-        (index(cell_x, self.points.width()), index(cell_y, self.points.height()))
+        (width > 0 && height > 0).then(|| (index(cell.x, width), index(cell.y, height)))
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::{Isometry3, Vector3};
+
     use super::*;
+
+    const COLOUR: Camera =
+        Camera { width: 512, height: 512, fx_px: 480.0, fy_px: 480.0, cx_px: 255.5, cy_px: 255.5 };
+    const RANGE: Camera =
+        Camera { width: 32, height: 32, fx_px: 30.0, fy_px: 30.0, cx_px: 15.5, cy_px: 15.5 };
+
+    fn nearest(turn: f64, x: f64, y: f64) -> Option<(usize, usize)> {
+        let pose = Isometry3::rotation(Vector3::new(0.3, 0.2, 0.1));
+        let rig = Rig { camera: COLOUR, world_from_camera: pose };
+        let range = RangeImage {
+            camera: RANGE,
+            // Its place does not matter, only where it looks.
+            world_from_range: Isometry3::translation(1.0, 2.0, 3.0)
+                * pose
+                * Isometry3::rotation(Vector3::y() * turn),
+            points: Plane::filled(32, 32, None),
+        };
+        range.nearest_cell(&rig, ImagePoint::new(x, y))
+    }
 
     #[test]
     fn the_nearest_cell_covers_its_sixteen_pixels() {
-        let colour = Camera {
-            width: 512,
-            height: 512,
-            fx_px: 480.0,
-            fy_px: 480.0,
-            cx_px: 255.5,
-            cy_px: 255.5,
-        };
-        let camera =
-            Camera { width: 32, height: 32, fx_px: 30.0, fy_px: 30.0, cx_px: 15.5, cy_px: 15.5 };
-        let range = RangeImage { camera, points: Plane::filled(32, 32, None) };
-        assert_eq!(range.nearest_cell(&colour, ImagePoint::new(0.0, 0.0)), (0, 0));
-        assert_eq!(range.nearest_cell(&colour, ImagePoint::new(15.4, 15.6)), (0, 1));
-        assert_eq!(range.nearest_cell(&colour, ImagePoint::new(511.0, 900.0)), (31, 31));
+        assert_eq!(nearest(0.0, 0.0, 0.0), Some((0, 0)));
+        assert_eq!(nearest(0.0, 15.4, 15.6), Some((0, 1)));
+        assert_eq!(nearest(0.0, 511.0, 900.0), Some((31, 31)));
+    }
+
+    #[test]
+    fn a_sensor_that_looks_to_the_right_sees_the_middle_on_its_left() {
+        // tan(0.2) * 30 cells = 6.08 cells left of the middle, at 15.5.
+        assert_eq!(nearest(0.2, 255.5, 255.4), Some((9, 15)));
+        assert_eq!(nearest(3.0, 255.5, 255.5), None, "it looks backwards");
     }
 }

@@ -5,8 +5,13 @@ use std::path::Path;
 
 use serde_json::Value;
 
+use cornerbench::record::{Record, kind, read_records};
+use cornerbench::scene::{Dataset, Junction, TargetKind, TrueCorner, sha256_hex};
+use nalgebra::Point3;
+
 use crate::support::{
-    copy_of_plain, cornerbench, plain_dataset, recipes, render, run, stderr, stdout, succeed,
+    board_dataset, copy_of_plain, cornerbench, plain_dataset, recipes, render, run, stderr, stdout,
+    succeed,
 };
 
 pub fn json(path: &Path) -> Value {
@@ -19,8 +24,7 @@ pub fn rewrite(dataset: &Path, scene: &str, file: &str, content: impl AsRef<[u8]
     fs::write(&path, &content).expect("written");
     let manifest = dataset.join("dataset.json");
     let mut entries = json(&manifest);
-    entries["scenes"][scene]["files"][file]["sha256"] =
-        Value::from(cornerbench::scene::sha256_hex(content.as_ref()));
+    entries["scenes"][scene]["files"][file]["sha256"] = Value::from(sha256_hex(content.as_ref()));
     fs::write(&manifest, entries.to_string()).expect("written");
 }
 
@@ -47,8 +51,15 @@ fn verify(dataset: &Path) -> (Option<i32>, Value) {
 fn rendered_corners_are_where_the_projection_says_to_a_hundredth_of_a_pixel() {
     let (code, found) = verify(plain_dataset());
     assert_eq!(code, Some(0), "{found}");
-    assert!(found["mean"]["length_px"].as_f64().expect("a length") < 0.01, "{found}");
-    assert!(found["mean"]["corners"].as_u64().expect("a count") >= 6, "{found}");
+    // Two of the visible corners end edges that are too short to be measured.
+    assert_eq!(found["visible"], 13, "{found}");
+    for (evidence, length_px, corners) in [("coverage", 0.002, 11), ("radiance", 0.01, 6)] {
+        let found = &found[evidence];
+        assert!(found["mean"]["length_px"].as_f64().expect("a length") < length_px, "{found}");
+        assert!(found["mean"]["corners"].as_u64().expect("a count") >= corners, "{found}");
+    }
+    let spread = found["coverage"]["root_mean_square_px"].as_f64().expect("a number");
+    assert!(spread < 0.005, "{found}");
 }
 
 #[test]
@@ -57,16 +68,143 @@ fn verify_finds_half_a_pixel_with_its_direction() {
     shift_truth(copy.path(), |x, y| [x + 0.5, y]);
     let (code, found) = verify(copy.path());
     assert_eq!(code, Some(1), "{found}");
-    let x = found["mean"]["mean_px"][0].as_f64().expect("a number");
-    assert!((x + 0.5).abs() < 0.02, "{found}");
+    for evidence in ["coverage", "radiance"] {
+        let x = found[evidence]["mean"]["mean_px"][0].as_f64().expect("a number");
+        assert!((x + 0.5).abs() < 0.02, "{evidence}: {found}");
+    }
 }
 
 #[test]
-fn verify_finds_a_fiftieth_of_a_pixel() {
+fn verify_finds_a_three_hundredth_of_a_pixel() {
     let copy = copy_of_plain();
-    shift_truth(copy.path(), |x, y| [x, y - 0.02]);
+    shift_truth(copy.path(), |x, y| [x, y - 0.003]);
     let (code, found) = verify(copy.path());
     assert_eq!(code, Some(1), "{found}");
+    assert_eq!(found["coverage"]["passed"], false, "{found}");
+}
+
+#[test]
+fn verify_finds_a_coverage_that_begins_one_pixel_beside_the_fovea() {
+    let copy = copy_of_plain();
+    let mut scene = json(&copy.path().join("above/scene.json"));
+    let fovea = &mut scene["film"]["fovea_px"];
+    for edge in [0, 2] {
+        fovea[edge] = Value::from(fovea[edge].as_u64().expect("a whole number") + 1);
+    }
+    rewrite(copy.path(), "above", "scene.json", scene.to_string());
+    let (code, found) = verify(copy.path());
+    assert_eq!(code, Some(1), "{found}");
+    assert_eq!(found["coverage"]["passed"], false, "{found}");
+}
+
+#[test]
+fn verify_counts_what_it_cannot_measure() {
+    let copy = copy_of_plain();
+    let mut scene = json(&copy.path().join("above/scene.json"));
+    scene["target"]["bevel_radius_m"] = Value::from(0.001);
+    rewrite(copy.path(), "above", "scene.json", scene.to_string());
+    let mut scene = json(&copy.path().join("oblique/scene.json"));
+    let (code, found) = verify(copy.path());
+    assert_eq!(code, Some(0), "{found}");
+    assert_eq!(found["not_sharp"], 1, "{found}");
+    scene["lens"] = serde_json::json!({ "aperture_radius_m": 0.01, "focus_distance_m": 1.0 });
+    rewrite(copy.path(), "oblique", "scene.json", scene.to_string());
+    assert_eq!(verify(copy.path()).0, Some(2), "nothing is left to be measured");
+}
+
+#[test]
+fn a_board_s_corners_are_read_row_by_row_and_are_where_the_projection_says() {
+    let (code, found) = verify(board_dataset());
+    assert_eq!(code, Some(0), "{found}");
+    assert_eq!(found["coverage"]["mean"]["corners"], 24, "{found}");
+
+    let dataset = Dataset::open(board_dataset()).expect("a dataset");
+    let scene = dataset.read("board").expect("a scene");
+    let target = &scene.description.target;
+    assert_eq!(target.kind, TargetKind::Board);
+    assert_eq!(scene.truth.corners.len(), 24);
+    for corner in &scene.truth.corners {
+        let (column, row) = (corner.index % 6, corner.index / 6);
+        let inside = (1..5).contains(&column) && (1..3).contains(&row);
+        let junction = if inside { Junction::X } else { Junction::L };
+        assert_eq!(corner.junction, Some(junction), "corner {}", corner.index);
+        let own = Point3::new(0.03 * (column as f64 - 2.5), 0.03 * (row as f64 - 1.5), 0.004);
+        let expected = target.world_from_target * own;
+        let off_m = (expected - Point3::from(corner.position_m)).norm();
+        assert!(off_m < 1e-12, "corner {} is {off_m} m off", corner.index);
+    }
+}
+
+#[test]
+fn a_truth_whose_parts_do_not_fit_together_is_unreadable() {
+    let alterations: [fn(&mut Value); 4] = [
+        |truth| truth["corners"][0]["edges"][0]["edge"] = Value::from(12),
+        |truth| truth["edges"][0]["visible"][0]["end"] = Value::from(1.01),
+        |truth| truth["edges"][3]["corners"][1] = Value::from(8),
+        |truth| truth["false_junctions"][0]["edge"] = Value::from(12),
+    ];
+    for alter in alterations {
+        let copy = copy_of_plain();
+        let mut truth = json(&copy.path().join("oblique/truth.json"));
+        alter(&mut truth);
+        rewrite(copy.path(), "oblique", "truth.json", truth.to_string());
+        let dataset = Dataset::open(copy.path()).expect("a dataset");
+        let said = dataset.read("oblique").expect_err("nonsense").chain();
+        assert!(said.contains("oblique/truth.json: corners, edges and faces"), "{said}");
+    }
+}
+
+/// The rows of a run over `dataset`.
+fn records_of(dataset: &Path, more: &[&str]) -> Vec<Record> {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let output = measure(dataset, folder.path(), more);
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    read_records(&folder.path().join("records.parquet")).expect("records")
+}
+
+#[test]
+fn the_grasp_goes_where_the_range_sensor_s_own_pose_says() {
+    let copy = copy_of_plain();
+    for scene in ["above", "oblique"] {
+        let mut description = json(&copy.path().join(scene).join("scene.json"));
+        let x = &mut description["world_from_range"][0][3];
+        *x = Value::from(x.as_f64().expect("a number") + 0.125);
+        rewrite(copy.path(), scene, "scene.json", description.to_string());
+    }
+    let grasps = |dataset: &Path| -> Vec<[f64; 3]> {
+        let rows = records_of(dataset, &[]);
+        let point =
+            |row: &Record| Some([row.grasp_world_x_m?, row.grasp_world_y_m?, row.grasp_world_z_m?]);
+        rows.iter().filter(|row| row.kind == kind::GRASP).filter_map(point).collect()
+    };
+    let (before, after) = (grasps(plain_dataset()), grasps(copy.path()));
+    assert!(!before.is_empty() && before.len() == after.len(), "{before:?} {after:?}");
+    for ([x, y, z], moved) in before.iter().zip(&after) {
+        for (expected, found) in [x + 0.125, *y, *z].iter().zip(moved) {
+            assert!((expected - found).abs() < 1e-9, "{before:?} {after:?}");
+        }
+    }
+}
+
+#[test]
+fn one_split_is_measured_where_one_is_asked_for() {
+    let truth = Dataset::open(plain_dataset()).expect("a dataset");
+    for (split, scene) in [("dev", "above"), ("test", "oblique")] {
+        let records = records_of(plain_dataset(), &["--split", split]);
+        assert!(records.iter().all(|record| record.scene == scene), "{split}");
+        assert!(records.iter().all(|record| record.split.as_deref() == Some(split)), "{split}");
+        // Its corners with what the truth says of them.
+        let corners = truth.read(scene).expect("a scene").truth.corners;
+        let found = records.iter().filter(|record| record.kind == kind::CORNER);
+        let found: Vec<_> =
+            found.map(|row| (row.junction.as_deref(), row.render_noise_floor_px)).collect();
+        let of_corner = |c: &TrueCorner| (c.junction.map(Junction::name), c.render_noise_floor_px);
+        let expected: Vec<_> = corners.iter().map(of_corner).collect();
+        for row in &expected {
+            assert!(found.contains(row), "{split}: {row:?} is not in {found:?}");
+        }
+        assert!(expected.iter().filter(|(_, floor)| floor.is_some()).count() >= 4, "{expected:?}");
+    }
 }
 
 #[test]
@@ -150,7 +288,7 @@ fn an_altered_a_truncated_and_a_missing_file_are_named_skipped_and_counted() {
         if damage == "missing" {
             assert!(reason.contains("no file"), "{reason}");
         } else {
-            assert!(reason.contains(&cornerbench::scene::sha256_hex(&bytes)), "{reason}");
+            assert!(reason.contains(&sha256_hex(&bytes)), "{reason}");
         }
         let scenes = summary["methods"][0]["scenes"].as_array().expect("scenes");
         assert_eq!(scenes.len(), 1, "{damage}: the other scene is measured");

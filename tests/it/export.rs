@@ -11,7 +11,7 @@ use tempfile::TempDir;
 
 use crate::dataset::{json, rewrite};
 use crate::support::{
-    copy_of_plain, cornerbench, plain_dataset, project, python, run, stderr, succeed,
+    board_dataset, copy_of_plain, cornerbench, plain_dataset, project, python, run, stderr, succeed,
 };
 
 /// Pixels from which something hides the target of `oblique`: a hole in its visible mask.
@@ -122,6 +122,40 @@ fn a_target_of_which_nothing_is_seen_has_no_coco_annotation() {
     assert_eq!(content["images"].as_array().map(Vec::len), Some(2));
     assert_eq!(content["annotations"].as_array().map(Vec::len), Some(1));
     assert_eq!(content["annotations"][0]["image_id"], content["images"][1]["id"]);
+}
+
+#[test]
+fn a_board_is_a_flat_box_to_bop_and_has_keypoints_of_its_own_in_coco() {
+    let truth = json(&board_dataset().join("board/truth.json"));
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    for format in ["bop", "coco"] {
+        let ended = export(board_dataset(), format, &folder.path().join(format));
+        assert_eq!(ended.status.code(), Some(0), "{}", stderr(&ended));
+    }
+    let model = &json(&folder.path().join("bop/models/models_info.json"))["1"];
+    for (key, size_mm) in [("size_x", 210.0), ("size_y", 150.0), ("size_z", 4.0)] {
+        let found = model[key].as_f64().expect("a number");
+        assert!((found - size_mm).abs() < 1e-9, "{key} is {found}");
+    }
+    // Upside down it shows no pattern.
+    assert_eq!(model["symmetries_discrete"].as_array().map(Vec::len), Some(1), "{model}");
+    let seen = &json(&folder.path().join("bop/test/000000/scene_gt_info.json"))["0"][0];
+    assert!(seen["visib_fract"].as_f64().expect("a number") > 0.99, "{seen}");
+
+    let content = json(&folder.path().join("coco/annotations.json"));
+    let category = &content["categories"][0];
+    assert_eq!(category["name"], "board-24");
+    assert_eq!(category["supercategory"], "board");
+    assert_eq!(category["keypoints"].as_array().map(Vec::len), Some(24));
+    let edges = truth["edges"].as_array().map(Vec::len);
+    assert_eq!(category["skeleton"].as_array().map(Vec::len), edges);
+    let annotation = &content["annotations"][0];
+    assert_eq!(annotation["num_keypoints"], 24);
+    for (place, corner) in truth["corners"].as_array().expect("corners").iter().enumerate() {
+        let [x, y] = [0, 1].map(|axis| &corner["image_point_px"][axis]);
+        assert_eq!(&annotation["keypoints"][3 * place], x);
+        assert_eq!(&annotation["keypoints"][3 * place + 1], y);
+    }
 }
 
 #[test]

@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 use serde_json::Value;
 
-use crate::support::{copy_folder, cornerbench, recipes, run, stderr, succeed};
+use crate::support::{copy_folder, cornerbench, kept, recipes, run, stderr, succeed};
 
 const SCENES: [&str; 4] = ["one", "two", "two-again", "four"];
 
@@ -26,7 +26,7 @@ fn tiny(folder: &Path, options: &[&str]) -> Command {
 fn tiny_dataset() -> &'static Path {
     static DATASET: OnceLock<PathBuf> = OnceLock::new();
     DATASET.get_or_init(|| {
-        let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("tiny");
+        let folder = kept("tiny");
         succeed(&mut tiny(&folder, &["--jobs", "2"]));
         folder
     })

@@ -58,12 +58,27 @@ pub fn python() -> &'static Path {
     })
 }
 
+/// A folder that is kept for the next run of the tests, until the datasets' format changes.
+pub fn kept(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("{name}-{}", cornerbench::scene::FORMAT))
+}
+
 /// The dataset of suite `plain`, rendered on first use: a cuboid alone, from above and obliquely.
 pub fn plain_dataset() -> &'static Path {
     static DATASET: OnceLock<PathBuf> = OnceLock::new();
     DATASET.get_or_init(|| {
-        let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("plain");
+        let folder = kept("plain");
         render("plain", &folder);
+        folder
+    })
+}
+
+/// The dataset of suite `board`, rendered on first use: one checkerboard of 5 x 3 squares.
+pub fn board_dataset() -> &'static Path {
+    static DATASET: OnceLock<PathBuf> = OnceLock::new();
+    DATASET.get_or_init(|| {
+        let folder = kept("board");
+        render("board", &folder);
         folder
     })
 }
