@@ -3,6 +3,7 @@
 use std::fs;
 use std::path::Path;
 
+use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::{Deserialize, Serialize};
 use toml::Table;
 
@@ -73,12 +74,20 @@ impl<T: ?Sized> Stage<T> {
     }
 }
 
-#[derive(Serialize, Deserialize)]
+/// What to measure: a camera and pipelines.
+#[derive(Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
+#[schemars(title = "Plan", extend("required" = ["pipelines"]))]
 struct PlanFile {
+    /// One line for `cornerbench list`.
     summary: String,
+    /// A file of the folder `cameras`.
     camera: String,
+    /// How far a detection may lie from the corner it is matched to \[px\].
+    #[schemars(range(min = 0.01, max = 100.0))]
     gate_px: f64,
+    /// Chains of algorithms, each measured by itself.
+    #[schemars(with = "Vec<PipelineFile>", length(min = 1))]
     pipelines: Vec<Table>,
 }
 
@@ -88,18 +97,85 @@ impl Default for PlanFile {
     }
 }
 
-#[derive(Default, Serialize, Deserialize)]
+/// A chain of algorithms from an exposure to a grasp.
+#[derive(Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
+#[schemars(title = "Pipeline", transform = require_all)]
 struct PipelineFile {
+    /// Column `method` of the records.
+    #[schemars(regex(pattern = r"^[a-z0-9_-]+$"))]
     name: String,
+    /// Exposure to target region.
+    #[schemars(schema_with = "target_schema")]
     target: Table,
+    /// Region to corner candidates.
+    #[schemars(schema_with = "detect_schema")]
     detect: Table,
+    /// Candidates to corners.
+    #[schemars(schema_with = "refine_schema")]
     refine: Table,
+    /// Corners to the face to grasp.
+    #[schemars(schema_with = "face_schema")]
     face: Table,
+    /// Face to grasp point.
+    #[schemars(schema_with = "grasp_schema")]
     grasp: Table,
 }
 
+fn require_all(schema: &mut Schema) {
+    let keys = schema.get("properties").and_then(|properties| properties.as_object());
+    let keys: Vec<String> = keys.into_iter().flat_map(|keys| keys.keys().cloned()).collect();
+    schema.insert("required".into(), keys.into());
+}
+
+fn target_schema(_: &mut SchemaGenerator) -> Schema {
+    stage_schema(EXTRACTORS)
+}
+
+fn detect_schema(_: &mut SchemaGenerator) -> Schema {
+    stage_schema(DETECTORS)
+}
+
+fn refine_schema(_: &mut SchemaGenerator) -> Schema {
+    stage_schema(REFINERS)
+}
+
+fn face_schema(_: &mut SchemaGenerator) -> Schema {
+    stage_schema(SELECTORS)
+}
+
+fn grasp_schema(_: &mut SchemaGenerator) -> Schema {
+    stage_schema(ESTIMATORS)
+}
+
+/// The schema of a stage's table: the name of one of its algorithms, and that one's parameters.
+fn stage_schema<T: ?Sized>(entries: &[Entry<T>]) -> Schema {
+    let alternatives: Vec<Schema> = entries
+        .iter()
+        .map(|entry| {
+            let parameters = (entry.schema)();
+            let mut properties = json_schema!({
+                "algorithm": { "const": entry.name, "description": entry.summary },
+            });
+            let own = parameters.get("properties").and_then(|keys| keys.as_object());
+            properties.ensure_object().extend(own.cloned().unwrap_or_default());
+            json_schema!({
+                "title": entry.name,
+                "description": entry.summary,
+                "properties": properties,
+                "required": ["algorithm"],
+            })
+        })
+        .collect();
+    json_schema!({ "type": "object", "oneOf": alternatives })
+}
+
 impl Plan {
+    /// The JSON Schema of `plans/NAME.toml`.
+    pub fn schema() -> Schema {
+        registry::schema::<PlanFile>()
+    }
+
     /// Reads `plans/NAME.toml` in the folder of recipes, and the camera that it names.
     ///
     /// # Errors
@@ -107,7 +183,6 @@ impl Plan {
     pub fn read(recipes: &Path, name: &str) -> Result<Self> {
         let (place, table) = read_table(recipes, "plans", name)?;
         let file: PlanFile = registry::parameters(&place, &table)?;
-        registry::in_range(&place, "gate_px", file.gate_px, 0.01..=100.0)?;
         let camera_model = read_camera(recipes, &file.camera)?;
         let pipelines = file
             .pipelines
@@ -206,9 +281,7 @@ fn stage<T: ?Sized>(
 /// For an unknown name or key, or a value out of range: with file, key, found, allowed.
 pub fn read_camera(recipes: &Path, name: &str) -> Result<CameraModel> {
     let (place, table) = read_table(recipes, "cameras", name)?;
-    let model: CameraModel = registry::parameters(&place, &table)?;
-    model.check(&place)?;
-    Ok(model)
+    registry::parameters(&place, &table)
 }
 
 /// The names of the recipes in a folder, sorted.

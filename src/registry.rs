@@ -1,5 +1,11 @@
 //! Algorithms by name: one entry each, parameters checked once, when they are built.
 
+use std::fmt::Display;
+use std::ops::{Bound, RangeBounds};
+
+use schemars::generate::SchemaSettings;
+use schemars::transform::RecursiveTransform;
+use schemars::{JsonSchema, Schema};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use toml::{Table, Value};
@@ -18,6 +24,8 @@ pub struct Entry<T: ?Sized> {
     pub version: u32,
     /// Its parameters' default values.
     pub defaults: fn() -> Table,
+    /// The JSON Schema of its parameters.
+    pub schema: fn() -> Schema,
     /// Builds it from a table of parameters; `place` names the file and table for messages.
     pub build: fn(place: &str, parameters: &Table) -> Result<Box<T>>,
 }
@@ -41,20 +49,76 @@ pub fn find<'a, T: ?Sized>(
 }
 
 /// Reads a struct of parameters from a table. Keys that `P` does not have are errors that name the
-/// nearest one it has; missing keys take the values of `P::default()`.
+/// nearest one it has; missing keys take the values of `P::default()`. Numbers are finite and lie in
+/// the range that `P`'s schema gives, `#[schemars(range(...))]`.
 ///
 /// # Errors
-/// [`Error::UnknownName`] for an unknown key, [`Error::Other`] for a value of the wrong type.
+/// [`Error::UnknownName`] for an unknown key, [`Error::OutOfRange`] for a value out of range,
+/// [`Error::Other`] for one of the wrong type.
 pub fn parameters<P>(place: &str, table: &Table) -> Result<P>
 where
-    P: Default + Serialize + DeserializeOwned,
+    P: Default + Serialize + DeserializeOwned + JsonSchema,
 {
     let defaults = Table::try_from(P::default())
         .map_err(|error| Error::Other(format!("{place}: defaults: {error}")))?;
     reject_unknown_keys(place, "", table, &defaults)?;
-    serde_path_to_error::deserialize(Value::Table(table.clone())).map_err(|error| {
-        Error::Other(format!("{place}: {} {}", error.path(), error.inner().to_string().trim_end()))
-    })
+    let parameters =
+        serde_path_to_error::deserialize(Value::Table(table.clone())).map_err(|error| {
+            let problem = error.inner().to_string();
+            Error::Other(format!("{place}: {} {}", error.path(), problem.trim_end()))
+        })?;
+    check_ranges(place, table, &schema::<P>())?;
+    Ok(parameters)
+}
+
+fn check_ranges(place: &str, table: &Table, schema: &Schema) -> Result<()> {
+    for (key, value) in table {
+        let number = match value {
+            Value::Integer(number) => *number as f64,
+            Value::Float(number) => *number,
+            _ => continue,
+        };
+        let bound = |name: &str| schema.pointer(&format!("/properties/{key}/{name}"))?.as_f64();
+        let lower = match (bound("minimum"), bound("exclusiveMinimum")) {
+            (Some(least), _) => Bound::Included(least),
+            (None, below) => Bound::Excluded(below.unwrap_or(f64::NEG_INFINITY)),
+        };
+        let upper = match (bound("exclusiveMaximum"), bound("maximum")) {
+            (None, Some(most)) => Bound::Included(most),
+            (above, _) => Bound::Excluded(above.unwrap_or(f64::INFINITY)),
+        };
+        in_range(place, key, number, (lower, upper))?;
+    }
+    Ok(())
+}
+
+/// The JSON Schema of a struct of parameters: what an editor completes and checks. A key's
+/// description is its doc comment, its range its `#[schemars(range(...))]`.
+pub fn schema<P: JsonSchema>() -> Schema {
+    SchemaSettings::draft2020_12()
+        .with(|settings| settings.inline_subschemas = true)
+        .with_transform(RecursiveTransform(for_people))
+        .into_generator()
+        .into_root_schema_for::<P>()
+}
+
+/// Refuses unknown keys, and drops what is Rust's alone.
+fn for_people(schema: &mut Schema) {
+    if schema.get("properties").is_some() {
+        schema.insert("additionalProperties".into(), false.into());
+    }
+    schema.remove("format");
+    let is_empty = |value: &serde_json::Value| {
+        value.as_str().is_some_and(str::is_empty)
+            || value.as_array().is_some_and(Vec::is_empty)
+            || value.as_object().is_some_and(serde_json::Map::is_empty)
+    };
+    if schema.get("default").is_some_and(is_empty) {
+        schema.remove("default");
+    }
+    if let Some(serde_json::Value::String(text)) = schema.get_mut("description") {
+        *text = text.replace(['\\', '`'], "").replace('\n', " ");
+    }
 }
 
 fn reject_unknown_keys(place: &str, path: &str, table: &Table, known: &Table) -> Result<()> {
@@ -84,18 +148,13 @@ pub fn defaults<P: Default + Serialize>() -> Table {
     Table::try_from(P::default()).unwrap_or_default()
 }
 
-/// Checks that `value` lies in `allowed`, and says so in the words of a range when it does not.
+/// Checks that `value` lies in `allowed`, and names the range when it does not.
 ///
 /// # Errors
 /// [`Error::OutOfRange`].
-pub fn in_range<N>(
-    place: &str,
-    key: &str,
-    value: N,
-    allowed: impl std::ops::RangeBounds<N> + std::fmt::Debug,
-) -> Result<N>
+pub fn in_range<N>(place: &str, key: &str, value: N, allowed: impl RangeBounds<N>) -> Result<N>
 where
-    N: PartialOrd + std::fmt::Display + Copy,
+    N: PartialOrd + Display + Copy,
 {
     if allowed.contains(&value) {
         Ok(value)
@@ -104,8 +163,22 @@ where
             place: place.to_owned(),
             key: key.to_owned(),
             found: value.to_string(),
-            allowed: format!("in {allowed:?}"),
+            allowed: format!("in {}", interval(&allowed)),
         })
+    }
+}
+
+/// A range as mathematics writes it: "[0, 0.25)".
+fn interval<N: Display>(range: &impl RangeBounds<N>) -> String {
+    let lower = match range.start_bound() {
+        Bound::Included(least) => format!("[{least}"),
+        Bound::Excluded(below) => format!("({below}"),
+        Bound::Unbounded => "(-inf".into(),
+    };
+    match range.end_bound() {
+        Bound::Included(most) => format!("{lower}, {most}]"),
+        Bound::Excluded(above) => format!("{lower}, {above})"),
+        Bound::Unbounded => format!("{lower}, inf)"),
     }
 }
 
@@ -114,16 +187,21 @@ mod tests {
     use super::*;
     use serde::Deserialize;
 
-    #[derive(Debug, PartialEq, Serialize, Deserialize)]
+    #[derive(Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
     #[serde(default)]
     struct Harris {
+        #[schemars(range(min = 0.0), extend("exclusiveMaximum" = 0.25))]
         k: f64,
+        /// Scale of the
+        /// window \[px\].
+        #[schemars(range(min = 0.5, max = 8.0))]
         sigma_i: f64,
+        threshold: f64,
     }
 
     impl Default for Harris {
         fn default() -> Self {
-            Self { k: 0.04, sigma_i: 1.5 }
+            Self { k: 0.04, sigma_i: 1.5, threshold: 0.0 }
         }
     }
 
@@ -133,7 +211,8 @@ mod tests {
 
     #[test]
     fn missing_keys_take_the_defaults() {
-        assert_eq!(read("k = 0.06").expect("valid"), Harris { k: 0.06, sigma_i: 1.5 });
+        let expected = Harris { k: 0.06, ..Harris::default() };
+        assert_eq!(read("k = 0.06").expect("valid"), expected);
     }
 
     #[test]
@@ -141,7 +220,8 @@ mod tests {
         let error = read("sigma = 2.0").expect_err("unknown key");
         assert_eq!(
             error.to_string(),
-            "plan.toml: [detect]: unknown key \"sigma\"; did you mean \"sigma_i\"? known: k, sigma_i"
+            "plan.toml: [detect]: unknown key \"sigma\"; did you mean \"sigma_i\"? known: k, \
+             sigma_i, threshold"
         );
     }
 
@@ -153,7 +233,35 @@ mod tests {
 
     #[test]
     fn a_value_out_of_range_names_found_and_allowed() {
-        let error = in_range("plan.toml", "k", 0.3, 0.0..0.25).expect_err("too big");
-        assert_eq!(error.to_string(), "plan.toml: k is 0.3, must be in 0.0..0.25");
+        for (text, problem) in [
+            ("k = 0.3", "k is 0.3, must be in [0, 0.25)"),
+            ("k = 0.25", "k is 0.25, must be in [0, 0.25)"),
+            ("sigma_i = 9", "sigma_i is 9, must be in [0.5, 8]"),
+            ("threshold = inf", "threshold is inf, must be in (-inf, inf)"),
+            ("k = nan", "k is NaN, must be in [0, 0.25)"),
+        ] {
+            let error = read(text).expect_err("out of range").to_string();
+            assert_eq!(error, format!("plan.toml: [detect]: {problem}"));
+        }
+        assert!(read("k = 0\nsigma_i = 8.0").is_ok());
+    }
+
+    #[test]
+    fn a_schema_says_what_may_be_written() {
+        let expected = serde_json::json!({
+            "$schema": "https://json-schema.org/draft/2020-12/schema",
+            "title": "Harris",
+            "type": "object",
+            "properties": {
+                "k": {"type": "number", "default": 0.04, "minimum": 0.0, "exclusiveMaximum": 0.25},
+                "sigma_i": {
+                    "description": "Scale of the window [px].",
+                    "type": "number", "default": 1.5, "minimum": 0.5, "maximum": 8.0,
+                },
+                "threshold": {"type": "number", "default": 0.0},
+            },
+            "additionalProperties": false,
+        });
+        assert_eq!(schema::<Harris>().to_value(), expected);
     }
 }

@@ -145,8 +145,8 @@ class Dataset:
 
     def publish(
         self, recipes: Mapping[str, str], unfit: Collection[str] = (), afresh: bool = False
-    ) -> None:
-        """Write the index: the whole scenes that were rendered from these recipes.
+    ) -> Collection[str]:
+        """Write the index and return what it names: the whole scenes rendered from these recipes.
 
         Other processes may do so at the same moment. Who has written looks again, so that the last
         to write has seen every scene that was whole by then.
@@ -160,6 +160,7 @@ class Dataset:
         afresh : bool
             Whether to read every entry again, and not only those of scenes that are new.
         """
+        scenes: dict[str, Entry] = {}
         for _ in range(TRIES):
             known = {} if afresh else self._entries
             there = self.storage.folders() - set(unfit)
@@ -172,9 +173,10 @@ class Dataset:
             }
             found = self._read_index()
             if list(found.items()) == list(scenes.items()):
-                return
+                break
             index = Index(format=FORMAT, suite=self._suite, scenes=scenes)
             self.storage.write(INDEX, as_json(index.model_dump()))
+        return scenes.keys()
 
     def remove_others(self, scenes: Collection[str]) -> None:
         """Remove the scenes that the suite no longer names."""

@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from math import ceil
-from typing import NamedTuple
+from math import ceil, isqrt
+from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from cornerscenes.mitsuba_backend import World
 from cornerscenes.noise_floor import LONGEST_PX, SeenEdge, noise_floor_px, sides
 from cornerscenes.recipes import FilmRecipe
 from cornerscenes.scene import Scene
-from cornerscenes.streams import seed
 
-# Half the side of the window about a corner: the pixels from which its edges are located.
-_CORNER_HALF_PX = ceil(LONGEST_PX)
+# Pixels so near to a corner are those from which its edges are located.
+CORNER_RADIUS_PX = LONGEST_PX + 1.0
+
+# How often passes are made: everywhere in the box, and then where the noise so far calls for more.
+_TURNS = 3
 
 
 @dataclass(frozen=True)
@@ -67,10 +70,17 @@ class Window(NamedTuple):
             min(self.bottom, other.bottom),
         )
 
-    def contains(self, point_px: Float[np.ndarray, "2"]) -> bool:
-        """Return whether a point lies on its pixels."""
-        x, y = np.round(point_px)
-        return bool(self.left <= x < self.right and self.top <= y < self.bottom)
+    def pixels(self) -> Int[np.ndarray, "n 2"]:
+        """Return column and row of its pixels, row by row."""
+        x, y = np.meshgrid(np.arange(self.left, self.right), np.arange(self.top, self.bottom))
+        return np.stack([x.ravel(), y.ravel()], axis=1)
+
+    def image_of(self, cells: Float[np.ndarray, "n s s c"]) -> Float[np.ndarray, "h w c"]:
+        """Return the image that the s x s cells of its pixels make up."""
+        _, scale, _, channels = cells.shape
+        height, width = self.bottom - self.top, self.right - self.left
+        rows = cells.reshape(height, width, scale, scale, channels).swapaxes(1, 2)
+        return rows.reshape(height * scale, width * scale, channels)
 
     def of(self, image: np.ndarray, scale: int = 1) -> np.ndarray:
         """Return the part that it covers of an image `scale` times finer than the sensor."""
@@ -90,14 +100,14 @@ class Film:
         Variance of the mean radiance of each pixel, at sensor resolution.
     fovea_px : Window
         Where it is fine.
-    windows : tuple[tuple[Window, int], ...]
-        Where it is finest, about the corners: windows and the samples of their film cells.
+    corner_samples : tuple[int, ...]
+        Of each visible corner: the paths per film cell about it, or more.
     """
 
     radiance: Float[np.ndarray, "h w 3"]
     variance: Float[np.ndarray, "h w 3"]
     fovea_px: Window
-    windows: tuple[tuple[Window, int], ...]
+    corner_samples: tuple[int, ...]
 
 
 class FilmRenderer:
@@ -105,127 +115,139 @@ class FilmRenderer:
 
     def __init__(self, scene: Scene, world: World, recipe: FilmRecipe, key: str) -> None:
         """Take a scene, the same as the renderer holds it, and the name of the random streams."""
-        self._scene, self._world, self._recipe, self._key = scene, world, recipe, key
+        self._scene, self._recipe, self._key = scene, recipe, key
+        self._view = world.seen_by(scene.camera, scene.world_from_camera, scene.lens)
+        # Paths of one pixel of the box in one pass, and the number of passes there.
+        cells = recipe.oversampling**2
+        self._samples, self._fovea_passes = passes_of(recipe.fovea_samples * cells)
+        self._most_passes = recipe.corner_samples * cells // self._samples
 
     def film(self, corners: list[SeenCorner]) -> Film:
         """Return the film.
 
-        About each corner passes are made until its render noise floor is as low as the recipe asks:
-        two, from whose noise the number of passes follows that it takes, and then the rest.
+        About each corner passes are added until its render noise floor is as low as the recipe
+        asks. How many that takes is told by the noise so far, a few times over.
 
         Parameters
         ----------
         corners : list[SeenCorner]
             The visible corners.
         """
-        recipe, scale, camera = self._recipe, self._recipe.oversampling, self._scene.camera
+        scale, camera = self._recipe.oversampling, self._scene.camera
+        coarse, variance = self._periphery()
+        radiance = np.repeat(np.repeat(coarse, scale, axis=0), scale, axis=1)
         whole = Window(0, 0, camera.width, camera.height)
-        coarse = self._passes(whole, 1, recipe.periphery_samples // 2, "periphery")
-        coarse.add(2)
-        radiance = np.repeat(np.repeat(coarse.mean(), scale, axis=0), scale, axis=1)
-        variance = coarse.variance()
         points = self._scene.image_of(self._scene.target.vertices_m())
-        fovea = Window.about(points, recipe.margin_px).within(whole)
+        fovea = Window.about(points, self._recipe.margin_px).within(whole)
         if fovea.is_empty:
             return Film(radiance, variance, Window(0, 0, 0, 0), ())
-        box = self._passes(fovea, scale, recipe.fovea_samples // 2, "fovea")
-        box.add(2)
-        fovea.of(radiance, scale)[:] = box.mean()
-        fovea.of(variance)[:] = box.variance()
-        windows: list[tuple[Window, int]] = []
-        about = [Window.about(c.image_point_px[None], _CORNER_HALF_PX) for c in corners]
-        for window in merged([one.within(fovea) for one in about]):
-            name = f"corner/{window.left}/{window.top}"
-            finest = self._passes(window, scale, recipe.corner_samples, name)
-            inside = [c for c in corners if window.contains(c.image_point_px)]
-            finest.add(2)
-            finest.add(self._more_passes(window, finest, inside, radiance, variance))
-            window.of(radiance, scale)[:] = finest.mean()
-            window.of(variance)[:] = finest.variance()
-            windows.append((window, finest.count * recipe.corner_samples))
-        return Film(radiance, variance, fovea, tuple(windows))
+        pixels = fovea.pixels()
+        from_corner = [np.linalg.norm(pixels - c.image_point_px, axis=1) for c in corners]
+        near = np.reshape([d <= CORNER_RADIUS_PX for d in from_corner], (-1, len(pixels)))
+        cells, means = (_Average(len(pixels)) for _ in range(2))
+        passes = np.full(len(pixels), self._fovea_passes)
+        for turn in range(_TURNS):
+            for count in sorted({*(passes - means.count)} - {0}):
+                chosen = np.flatnonzero(passes - means.count == count)
+                name = f"fovea/{turn}/{count}"
+                for image in self._passes(pixels[chosen], 1, scale, count, name):
+                    cells.add(chosen, image)
+                    means.add(chosen, image.mean(axis=(1, 2)))
+            fovea.of(radiance, scale)[:] = fovea.image_of(cells.mean())
+            fovea.of(variance)[:] = fovea.image_of(means.variance()[:, None, None])
+            binned_radiance = binned(radiance, scale)
+            for corner, about in zip(corners, near, strict=True):
+                needed = self._passes_for(corner, binned_radiance, variance, means.count[about])
+                passes[about] = np.maximum(passes[about], needed)
+        samples = [int(means.count[about].min()) * self._samples // scale**2 for about in near]
+        return Film(radiance, variance, fovea, tuple(samples))
 
-    def _passes(self, window: Window, scale: int, samples: int, name: str) -> _Passes:
+    def _periphery(self) -> tuple[Float[np.ndarray, "h w 3"], Float[np.ndarray, "h w 3"]]:
+        """Return mean radiance and its variance of all pixels, of few paths each.
+
+        A pass's paths of one pixel of the box are shared out over a square of pixels here: the
+        renderer compiles its code for their number.
+        """
+        each, passes = passes_of(self._recipe.periphery_samples)
+        side = max(1, isqrt(self._samples // each))
+        passes = self._recipe.periphery_samples * side**2 // self._samples
+        width, height = self._scene.camera.width, self._scene.camera.height
+        x, y = (np.minimum(np.arange(0, n, side), n - side) for n in (width, height))
+        tiles = np.stack(np.meshgrid(x, y), axis=2).reshape(-1, 2)
+        average = _Average(len(tiles))
+        for image in self._passes(tiles, side, side, passes, "periphery"):
+            average.add(slice(None), image)
+        mean, variance = np.zeros((height, width, 3)), np.zeros((height, width, 3))
+        rows, columns = (tiles[:, axis, None] + np.arange(side) for axis in (1, 0))
+        place = rows[:, :, None], columns[:, None, :]
+        mean[place], variance[place] = average.mean(), average.variance()
+        return mean, variance
+
+    def _passes(
+        self, tiles: Int[np.ndarray, "n 2"], side: int, divisions: int, count: int, name: str
+    ) -> Iterator[Float[np.ndarray, "n d d 3"]]:
         key = f"{self._key}/{name}"
-        return _Passes(self._scene, self._world, window, scale, samples, key)
+        return self._view.passes(tiles, side, divisions, self._samples, count, key)
 
-    def _more_passes(
+    def _passes_for(
         self,
-        window: Window,
-        finest: _Passes,
-        corners: list[SeenCorner],
-        radiance: Float[np.ndarray, "h w 3"],
+        corner: SeenCorner,
+        pixels: Float[np.ndarray, "h w 3"],
         variance: Float[np.ndarray, "h w 3"],
+        so_far: Int[np.ndarray, " n"],
     ) -> int:
-        """Return how many passes a window needs beyond those made."""
-        recipe = self._recipe
-        window.of(radiance, recipe.oversampling)[:] = finest.mean()
-        window.of(variance)[:] = finest.variance()
-        pixels = binned(radiance, recipe.oversampling)
-        floors = [floor_px(corner, pixels, variance) for corner in corners]
-        worst = max((floor for floor in floors if floor is not None), default=0.0)
-        needed = ceil(finest.count * (worst / recipe.noise_floor_px) ** 2)
-        return min(needed, recipe.corner_passes) - finest.count
+        """Return how many passes a corner needs, from a film of those so far about it."""
+        floor = floor_px(corner, pixels, variance)
+        if floor is None or len(so_far) == 0:
+            return 0
+        needed = ceil(so_far.mean() * (floor / self._recipe.noise_floor_px) ** 2)
+        return min(needed, self._most_passes)
 
 
-class _Passes:
-    """Independent passes over a window: their mean, and the variance of the pixels' means."""
+class _Average:
+    """The means of what is rendered several times with independent noise, and their variance."""
 
-    def __init__(
-        self, scene: Scene, world: World, window: Window, scale: int, samples: int, key: str
-    ) -> None:
-        self._scene, self._world, self._window = scene, world, window
-        self._scale, self._samples, self._key = scale, samples, key
-        self.count = 0
-        height, width = window.bottom - window.top, window.right - window.left
-        self._sum = np.zeros((scale * height, scale * width, 3))
-        self._pixel_sum = np.zeros((height, width, 3))
-        self._pixel_squares = np.zeros((height, width, 3))
+    def __init__(self, size: int) -> None:
+        """Take how many places there are."""
+        self.count = np.zeros(size, dtype=int)
+        self._sum: Any = None
+        self._squares: Any = None
 
-    def add(self, passes: int) -> None:
-        """Render more passes; none where the number is negative."""
-        for _ in range(passes):
-            image = self._world.radiance(
-                self._scene.camera,
-                self._scene.world_from_camera,
-                self._scale,
-                self._window,
-                self._samples,
-                seed(self._key, self.count),
-                self._scene.lens,
-            )
-            pixels = binned(image, self._scale)
-            self._sum += image
-            self._pixel_sum += pixels
-            self._pixel_squares += pixels**2
-            self.count += 1
+    def add(self, places: Any, values: Float[np.ndarray, "n ..."]) -> None:
+        """Add one value to each of some places."""
+        if self._sum is None:
+            self._sum = np.zeros((len(self.count), *values.shape[1:]))
+            self._squares = np.zeros_like(self._sum)
+        self.count[places] += 1
+        self._sum[places] += values
+        self._squares[places] += values**2
 
-    def mean(self) -> Float[np.ndarray, "h w 3"]:
-        """Return the mean radiance of the film cells."""
-        return self._sum / self.count
+    def mean(self) -> Float[np.ndarray, "n ..."]:
+        """Return the mean at each place."""
+        return self._sum / self._per_place()
 
-    def variance(self) -> Float[np.ndarray, "h w 3"]:
-        """Return the variance of the pixels' mean radiance."""
-        squares = self._pixel_squares - self._pixel_sum**2 / self.count
-        return np.maximum(squares, 0.0) / (self.count * (self.count - 1))
+    def variance(self) -> Float[np.ndarray, "n ..."]:
+        """Return the variance of the mean at each place, from that of its values."""
+        count = self._per_place()
+        squares = self._squares - self._sum**2 / count
+        return np.maximum(squares, 0.0) / (count * (count - 1))
+
+    def _per_place(self) -> Int[np.ndarray, "n ..."]:
+        return self.count.reshape(-1, *(1,) * (self._sum.ndim - 1))
 
 
-def merged(windows: list[Window]) -> list[Window]:
-    """Return windows that do not overlap: those that do become their common box."""
-    done: list[Window] = []
-    for window in windows:
-        if window.is_empty:
-            continue
-        while (other := next((o for o in done if not window.within(o).is_empty), None)) is not None:
-            done.remove(other)
-            window = Window(
-                min(window.left, other.left),
-                min(window.top, other.top),
-                max(window.right, other.right),
-                max(window.bottom, other.bottom),
-            )
-        done.append(window)
-    return done
+def passes_of(paths: int) -> tuple[int, int]:
+    """Return the paths per pass and the number of passes, 2 to 7, that make up a number of paths.
+
+    Parameters
+    ----------
+    paths : int
+        A multiple of four, 8 or more. A pass takes a power of four of them.
+    """
+    each = 4
+    while paths % (4 * each) == 0 and paths >= 8 * each:
+        each *= 4
+    return each, paths // each
 
 
 def binned(image: Float[np.ndarray, "h w 3"], scale: int) -> Float[np.ndarray, "h w 3"]:

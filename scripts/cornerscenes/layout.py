@@ -329,9 +329,6 @@ class _Drawing:
 
     def _build(self, index: int, recipe: ObjectRecipe) -> PlacedObject:
         key = f"object{index}"
-        for name in recipe.builders:
-            if name not in BUILDERS:
-                raise RecipeError(unknown_name("objects.builders", name, sorted(BUILDERS)))
         builder = self.factors.one_of(f"{key}.builder", recipe.builders)
         height_m = self.factors.within(f"{key}.height", recipe.height_m)
         parts = BUILDERS[builder](stream(self.key, key, builder), height_m)

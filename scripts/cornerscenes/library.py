@@ -20,6 +20,7 @@ from cornerscenes.tables import (
     RecipeError,
     Rgb,
     Split,
+    Summary,
     Table,
     Unit,
     UnitRange,
@@ -36,8 +37,8 @@ T = TypeVar("T")
 class Entry(Table):
     """What a library holds: dev scenes take dev entries, test scenes take test entries."""
 
-    summary: str
-    split: Split
+    summary: Summary
+    split: Annotated[Split, Field(description="the scenes that may take it")]
 
 
 class MaterialEntry(Entry):
@@ -57,10 +58,14 @@ class MaterialEntry(Entry):
 class SurfaceEntry(Table):
     """What a floor or a wall is made of."""
 
-    pattern: Literal["planks", "plaster", "concrete", "tiles", "carpet", "bricks"]
-    colour: Colour
+    pattern: Annotated[
+        Literal["planks", "plaster", "concrete", "tiles", "carpet", "bricks"],
+        Field(description="what it looks like"),
+    ]
+    colour: Annotated[Colour, Field(description="reflectance about which the pattern varies, RGB")]
     roughness: Annotated[
-        float | None, Field(gt=0.0, le=1.0, strict=False, description="of its varnish")
+        float | None,
+        Field(gt=0.0, le=1.0, strict=False, description="GGX roughness of a coat; none where matt"),
     ] = None
 
 
@@ -84,7 +89,9 @@ class LampEntry(Table):
         Field(description="radiance of a square, intensity of a point, irradiance of a sun"),
     ]
     position_m: Annotated[Point, Field(description="where it is; of a sun, whence it shines")]
-    jitter_m: Annotated[float, Field(ge=0.0, le=5.0, strict=False)] = 0.0
+    jitter_m: Annotated[
+        float, Field(ge=0.0, le=5.0, strict=False, description="largest shift of it on each axis")
+    ] = 0.0
     size_m: Annotated[PositiveRange | None, Field(description="side of a square")] = None
 
     @model_validator(mode="after")
@@ -104,7 +111,9 @@ class LightEntry(Entry):
         0,
         0,
     )
-    lamps: Annotated[tuple[LampEntry, ...], Field(strict=False)] = ()
+    lamps: Annotated[
+        tuple[LampEntry, ...], Field(strict=False, description="what shines besides the sky")
+    ] = ()
 
 
 class Materials(RootModel[dict[str, MaterialEntry]]):

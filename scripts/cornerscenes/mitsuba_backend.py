@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
 import mitsuba
 import numpy as np
-from jaxtyping import Bool, Float, UInt32
+from jaxtyping import Bool, Float, Int, UInt32
 
 from cornerscenes.camera import Camera, inverse, looking_at, transformed
 from cornerscenes.light import Lamp, Light
 from cornerscenes.room import Surface
 from cornerscenes.scene import FIRST_SURFACE_ID, NO_FACE, TARGET_ID, Lens, Scene
-from cornerscenes.shape import Material, Part, Rgb, Texture, vertex_normals
+from cornerscenes.shape import Material, Part, Rgb, Texture, joined, vertex_normals
+from cornerscenes.streams import seed
 
 mi: Any = mitsuba  # its stubs describe one variant only; which one runs is known at start
 
@@ -23,6 +26,9 @@ VARIANTS = ("cuda_ad_rgb", "llvm_ad_rgb", "scalar_rgb")
 # A ray to a point stops this share of its length short of it, so that the surface the point lies on
 # does not hide it: 10 micrometres at one metre.
 SHORTENED = 1.0 - 1e-5
+
+# Paths that are followed at once; the renderer's memory grows with them.
+MOST_PATHS = 2**21
 
 
 @dataclass(frozen=True)
@@ -81,7 +87,13 @@ def _object_solids(scene: Scene) -> list[Solid]:
 
 
 class World:
-    """A scene as the renderer holds it."""
+    """A scene as the renderer holds it.
+
+    Attributes
+    ----------
+    traced : list[tuple[int, float]]
+        For each time that its radiance was rendered how many paths that took, and how long [s].
+    """
 
     def __init__(
         self,
@@ -103,11 +115,14 @@ class World:
         max_depth : int
             Longest path; 2 is direct light.
         """
+        self.traced: list[tuple[int, float]] = []
         self._ids: dict[str, tuple[int, int]] = {}  # shape: its object id and face
         self._shapes: dict[str, Any] = {}
+        materials = _Materials(light is None)
         for index, solid in enumerate(solids):
             face = NO_FACE if solid.part.face is None else solid.part.face
-            self._add(f"solid{index}", _mesh(f"solid{index}", solid), solid.object_id, face)
+            mesh = _mesh(f"solid{index}", solid, materials.of(solid.part.material))
+            self._add(f"solid{index}", mesh, solid.object_id, face)
         for index, surface in enumerate(surfaces):
             shape = mi.load_dict(_rectangle(f"surface{index}", surface))
             self._add(f"surface{index}", shape, FIRST_SURFACE_ID + index, NO_FACE)
@@ -143,7 +158,7 @@ class World:
 
     def _in_the_dark(self, shapes: dict[str, Any]) -> World:
         dark = World.__new__(World)
-        dark._ids, dark._shapes = self._ids, shapes
+        dark.traced, dark._ids, dark._shapes = [], self._ids, shapes
         integrator = {"type": "path", "max_depth": 1}
         dark._scene = mi.load_dict({"type": "scene", "integrator": integrator, **shapes})
         return dark
@@ -159,68 +174,16 @@ class World:
             First meshes of this world, in its order, and the radiance of each.
         """
         shapes = dict(self._shapes)
+        black = _Materials(dark=True).of(solids[0][0].part.material)
         for index, (solid, radiance) in enumerate(solids):
-            shapes[f"solid{index}"] = _mesh(f"solid{index}", solid, radiance)
+            shapes[f"solid{index}"] = _mesh(f"solid{index}", solid, black, radiance)
         return self._in_the_dark(shapes)
 
-    def radiance(
-        self,
-        camera: Camera,
-        world_from_camera: Float[np.ndarray, "4 4"],
-        oversampling: int,
-        window: tuple[int, int, int, int],
-        samples: int,
-        seed: int,
-        lens: Lens | None = None,
-    ) -> Float[np.ndarray, "h w 3"]:
-        """Render linear radiance on the film cells of a window of the sensor.
-
-        Parameters
-        ----------
-        camera, world_from_camera
-            The camera.
-        oversampling : int
-            Film cells per pixel and direction.
-        window : tuple[int, int, int, int]
-            First column, first row, one past the last column, one past the last row [px].
-        samples : int
-            Paths per film cell.
-        seed : int
-            Seed of the sampler.
-        lens : Lens or None
-            The camera's lens; a pinhole where it has none.
-        """
-        x0, y0, x1, y1 = (oversampling * edge for edge in window)
-        flipped = world_from_camera @ np.diag([-1.0, -1.0, 1.0, 1.0])  # Mitsuba: x left, y up
-        kind: dict[str, Any] = {"type": "perspective"}
-        if lens is not None:
-            kind = {
-                "type": "thinlens",
-                "aperture_radius": lens.aperture_radius_m,
-                "focus_distance": lens.focus_distance_m,
-            }
-        sensor = mi.load_dict(
-            {
-                **kind,
-                "fov": float(np.rad2deg(2.0 * np.arctan(0.5 * camera.width / camera.fx_px))),
-                "fov_axis": "x",
-                "to_world": mi.ScalarTransform4f(flipped),
-                "film": {
-                    "type": "hdrfilm",
-                    "width": oversampling * camera.width,
-                    "height": oversampling * camera.height,
-                    "crop_offset_x": x0,
-                    "crop_offset_y": y0,
-                    "crop_width": x1 - x0,
-                    "crop_height": y1 - y0,
-                    "rfilter": {"type": "box"},
-                    "pixel_format": "rgb",
-                    "component_format": "float32",
-                },
-                "sampler": {"type": "multijitter", "sample_count": samples},
-            }
-        )
-        return np.array(mi.render(self._scene, sensor=sensor, spp=samples, seed=seed))
+    def seen_by(
+        self, camera: Camera, world_from_camera: Float[np.ndarray, "4 4"], lens: Lens | None = None
+    ) -> View:
+        """Return what a camera sees of it, through a lens or as a pinhole."""
+        return View(self._scene, camera, world_from_camera, lens, self.traced)
 
     def occluded(
         self, origin: Float[np.ndarray, "3"], points: Float[np.ndarray, "n 3"]
@@ -286,11 +249,163 @@ class World:
         return hits
 
 
+class View:
+    """A scene as a camera sees it: linear radiance on cells of its sensor."""
+
+    def __init__(
+        self,
+        scene: Any,
+        camera: Camera,
+        world_from_camera: Float[np.ndarray, "4 4"],
+        lens: Lens | None,
+        traced: list[tuple[int, float]],
+    ) -> None:
+        """Take a scene of the renderer, a camera and its lens, and where to note paths and time."""
+        self._scene, self._camera, self._traced = scene, camera, traced
+        flipped = world_from_camera @ np.diag([-1.0, -1.0, 1.0, 1.0])  # Mitsuba: x left, y up
+        self._sensor: dict[str, Any] = {
+            "type": "perspective",
+            "fov": float(np.rad2deg(2.0 * np.arctan(0.5 * camera.width / camera.fx_px))),
+            "fov_axis": "x",
+            "to_world": mi.ScalarTransform4f(flipped),
+        }
+        if lens is not None:
+            self._sensor |= {
+                "type": "thinlens",
+                "aperture_radius": lens.aperture_radius_m,
+                "focus_distance": lens.focus_distance_m,
+            }
+
+    def passes(
+        self,
+        tiles_px: Int[np.ndarray, "n 2"],
+        side_px: int,
+        divisions: int,
+        samples: int,
+        count: int,
+        key: str,
+    ) -> Iterator[Float[np.ndarray, "n d d 3"]]:
+        """Render square tiles of the sensor several times, each time with other samples.
+
+        The samples of a tile are stratified as a whole, and over its cells.
+
+        Parameters
+        ----------
+        tiles_px : Int[np.ndarray, "n 2"]
+            First column and first row of each tile [px], inside the frame.
+        side_px : int
+            Side of a tile [px].
+        divisions : int
+            Cells of a tile in each direction, d: a power of two, and a multiple of its side.
+        samples : int
+            Paths per tile: a power of four, at least 4 per cell. A square number, because the
+            multi-jittered sampler rounds all others. A power of two, because then no tile's samples
+            are split between threads, whose sums would differ in the last bit from run to run.
+        count : int
+            How often.
+        key : str
+            Names the random stream.
+
+        Yields
+        ------
+        Float[np.ndarray, "n d d 3"]
+            Mean radiance of each tile's cells, row by row.
+        """
+        one_by_one = mi.variant().startswith("scalar")
+        render = self._crop if one_by_one else self._wavefront
+        at_once = 1 if one_by_one else max(1, MOST_PATHS // (len(tiles_px) * samples))
+        most_tiles = len(tiles_px) if one_by_one else max(1, MOST_PATHS // samples)
+        for first in range(0, count, at_once):
+            times = min(at_once, count - first)
+            tiles = np.tile(tiles_px, (times, 1))
+            started_s = time.monotonic()
+            parts = [
+                render(tiles[i : i + most_tiles], side_px, divisions, samples, seed(key, first, i))
+                for i in range(0, len(tiles), most_tiles)
+            ]
+            self._traced.append((len(tiles) * samples, time.monotonic() - started_s))
+            yield from np.concatenate(parts).reshape(times, -1, divisions, divisions, 3)
+
+    def _wavefront(
+        self,
+        tiles_px: Int[np.ndarray, "n 2"],
+        side_px: int,
+        divisions: int,
+        samples: int,
+        seed: int,
+    ) -> Float[np.ndarray, "n d d 3"]:
+        import drjit
+
+        # What differs from call to call is opaque: then one compiled kernel serves all of a scene.
+        sampler = mi.load_dict({"type": "multijitter", "sample_count": samples})
+        sampler.set_samples_per_wavefront(samples)
+        sampler.seed(seed, len(tiles_px) * samples)
+        index = drjit.arange(mi.UInt32, len(tiles_px) * samples) // samples
+        first = mi.Point2f(*(mi.Float(np.float32(tiles_px[:, axis])) for axis in range(2)))
+        side = drjit.opaque(mi.Float, side_px)
+        in_tile = sampler.next_2d()
+        size = mi.Point2f(self._camera.width, self._camera.height)
+        place = (drjit.gather(mi.Point2f, first, index) + side * in_tile) / size
+        ray, _ = self._loaded().sample_ray(0.0, 0.0, place, sampler.next_2d())
+        radiance, _, _ = self._scene.integrator().sample(self._scene, sampler, ray)
+        across = drjit.opaque(mi.UInt32, divisions)
+        cell = drjit.minimum(mi.Point2u(in_tile * mi.Float(across)), across - 1)
+        place_in_sums = (index * across + cell.y) * across + cell.x
+        cells = len(tiles_px) * divisions**2
+        sums = [drjit.zeros(mi.Float, cells) for _ in range(4)]
+        for sum_, value in zip(sums, (*radiance, mi.Float(1.0)), strict=True):
+            drjit.scatter_add(sum_, value, place_in_sums)
+        drjit.eval(sums)
+        red, green, blue, counted = (np.array(sum_, dtype=np.float64) for sum_ in sums)
+        mean = np.stack([red, green, blue], axis=-1) / counted[:, None]
+        return mean.reshape(-1, divisions, divisions, 3)
+
+    def _crop(
+        self,
+        tiles_px: Int[np.ndarray, "n 2"],
+        side_px: int,
+        divisions: int,
+        samples: int,
+        seed: int,
+    ) -> Float[np.ndarray, "n d d 3"]:
+        """Do the same where the renderer handles one path at a time: all about the tiles, too."""
+        scale = divisions // side_px
+        (left, top), (right, bottom) = tiles_px.min(axis=0), tiles_px.max(axis=0) + side_px
+        film = {
+            "type": "hdrfilm",
+            "width": scale * self._camera.width,
+            "height": scale * self._camera.height,
+            "crop_offset_x": int(scale * left),
+            "crop_offset_y": int(scale * top),
+            "crop_width": int(scale * (right - left)),
+            "crop_height": int(scale * (bottom - top)),
+            "rfilter": {"type": "box"},
+            "pixel_format": "rgb",
+            "component_format": "float32",
+        }
+        each = samples // divisions**2
+        sampler = {"type": "multijitter", "sample_count": each}
+        sensor = mi.load_dict({**self._sensor, "film": film, "sampler": sampler})
+        image = np.array(mi.render(self._scene, sensor=sensor, spp=each, seed=seed))
+        within = scale * (tiles_px - [left, top])
+        x, y = (within[:, axis, None] + np.arange(divisions) for axis in range(2))
+        return image[y[:, :, None], x[:, None, :]].astype(np.float64)
+
+    def _loaded(self) -> Any:
+        film = {
+            "type": "hdrfilm",
+            "width": self._camera.width,
+            "height": self._camera.height,
+            "rfilter": {"type": "box"},
+        }
+        return mi.load_dict({**self._sensor, "film": film})
+
+
 class Occluder:
     """One object's shape, built once, asked from any pose: what placing objects needs."""
 
     def __init__(self, parts: tuple[Part, ...]) -> None:
-        self._world = World([Solid(0, part, np.eye(4)) for part in parts])
+        self._world = World([Solid(0, joined(parts), np.eye(4))])
 
     def hides(
         self,
@@ -340,22 +455,45 @@ def _bsdf(
     }
 
 
+class _Materials:
+    """The materials of a scene, each loaded once: that takes the renderer some 40 ms."""
+
+    def __init__(self, dark: bool) -> None:
+        self._dark = dark
+        self._loaded: dict[tuple[Any, ...], Any] = {}
+
+    def of(self, material: Material) -> Any:
+        """Return a material as the renderer holds it; in the dark all are the same."""
+        if self._dark:
+            key, description = (), {"type": "diffuse"}
+        else:
+            key = (
+                id(material.texture),
+                material.colour,
+                material.roughness,
+                material.metallic,
+                material.two_sided,
+            )
+            description = _bsdf_of(material)
+        if key not in self._loaded:
+            self._loaded[key] = mi.load_dict(description)
+        return self._loaded[key]
+
+
 def _bsdf_of(material: Material) -> dict[str, Any]:
-    reflectance = {"type": "rgb", "value": list(material.colour)}
+    reflectance: dict[str, Any] = {"type": "rgb", "value": list(material.colour)}
     if material.texture is not None:
         reflectance = _bitmap(material.texture, (1.0, 1.0))
     bsdf = _bsdf(reflectance, material.roughness, material.metallic)
     return {"type": "twosided", "bsdf": bsdf} if material.two_sided else bsdf
 
 
-def _mesh(name: str, solid: Solid, radiance: Rgb | None = None) -> Any:
-    """Return a mesh with its material, or one that shines where a radiance is given."""
+def _mesh(name: str, solid: Solid, bsdf: Any, radiance: Rgb | None = None) -> Any:
+    """Return a mesh of a material; it shines where a radiance is given."""
     part = solid.part
     properties = mi.Properties()
-    if radiance is None:
-        properties["bsdf"] = mi.load_dict(_bsdf_of(part.material))
-    else:
-        properties["bsdf"] = mi.load_dict({"type": "diffuse"})
+    properties["bsdf"] = bsdf
+    if radiance is not None:
         shine = {"type": "area", "radiance": {"type": "rgb", "value": list(radiance)}}
         properties["emitter"] = mi.load_dict(shine)
     mesh = mi.Mesh(

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
+from cornerscenes.objects import BUILDERS
 from cornerscenes.streams import Factors
 from cornerscenes.tables import (
     FieldOfView,
@@ -20,9 +20,11 @@ from cornerscenes.tables import (
     Range,
     SceneName,
     Split,
+    Summary,
     Table,
     Unit,
     UnitRange,
+    unknown_name,
 )
 
 # In a group of scenes dev and test take turns.
@@ -30,6 +32,17 @@ SPLITS: tuple[Split, ...] = ("dev", "test")
 
 # How near a scene's visible fraction must come to the one that is drawn for it.
 NEAR = 0.02
+
+
+def _built(name: str) -> str:
+    if name not in BUILDERS:
+        raise ValueError(unknown_name("names no builder", name, sorted(BUILDERS)))
+    return name
+
+
+BuilderName = Annotated[
+    str, AfterValidator(_built), Field(json_schema_extra={"enum": sorted(BUILDERS)})
+]
 
 
 class LensRecipe(Table):
@@ -165,8 +178,8 @@ class TargetRecipe(Table):
         tuple[NotNegative, NotNegative] | None,
         Field(strict=False, description="radius of the cuboid's edges, in the image"),
     ] = None
-    position_x_m: Range
-    position_y_m: Range
+    position_x_m: Annotated[Range, Field(description="where its middle stands along x")]
+    position_y_m: Annotated[Range, Field(description="where its middle stands along y")]
     lift_m: Annotated[Range, Field(description="height of its lowest point above the floor")] = (
         0.0,
         0.0,
@@ -193,8 +206,11 @@ class TargetRecipe(Table):
 class ObjectRecipe(Table):
     """One object beside the target: an occluder stands between it and the camera."""
 
-    builders: Annotated[Names, Field(description="kinds of object; one is drawn")]
-    height_m: PositiveRange
+    builders: Annotated[
+        tuple[BuilderName, ...],
+        Field(min_length=1, strict=False, description="kinds of object; one is drawn"),
+    ]
+    height_m: Annotated[PositiveRange, Field(description="from the floor to its highest point")]
     role: Annotated[
         Literal["occluder", "bystander", "distractor"],
         Field(description="between target and camera; about the target; beside it and in view"),
@@ -205,63 +221,66 @@ class ObjectRecipe(Table):
 class Family(Table):
     """A kind of scene: ranges from which its scenes are drawn."""
 
-    summary: str
+    summary: Summary
     camera: CameraRecipe
     range_sensor: RangeSensorRecipe
-    poses: Annotated[dict[str, PoseRecipe], Field(min_length=1)]
+    poses: Annotated[
+        dict[str, PoseRecipe], Field(min_length=1, description="poses by name; one is drawn")
+    ]
     room: RoomRecipe | None = None
     target: TargetRecipe
-    objects: Annotated[tuple[ObjectRecipe, ...], Field(strict=False)] = ()
+    objects: Annotated[
+        tuple[ObjectRecipe, ...], Field(strict=False, description="what stands around the target")
+    ] = ()
     lights: Annotated[Names, Field(description="names in lights.toml; one is drawn")]
 
 
 class FilmRecipe(Table):
     """How finely a suite is rendered."""
 
-    oversampling: Annotated[int, Field(ge=1, le=16, description="film cells per pixel, S")]
+    oversampling: Annotated[
+        Literal[1, 2, 4, 8, 16], Field(description="film cells per pixel and direction, S")
+    ]
     periphery_samples: Annotated[
-        int, Field(ge=4, le=65536, description="paths per pixel outside the target's box")
+        int,
+        Field(ge=8, le=65536, multiple_of=4, description="paths per pixel outside the box"),
     ]
     fovea_samples: Annotated[
-        int, Field(ge=4, le=65536, description="paths per film cell in the target's box")
+        int,
+        Field(ge=8, le=65536, multiple_of=4, description="paths per film cell in the target's box"),
     ]
     corner_samples: Annotated[
-        int, Field(ge=4, le=65536, description="paths per film cell and pass about the corners")
-    ]
-    corner_passes: Annotated[
-        int, Field(ge=2, le=64, description="most passes about a corner; 2 are always made")
+        int, Field(ge=8, le=65536, description="most paths per film cell about the corners")
     ]
     noise_floor_px: Annotated[
-        Positive, Field(description="passes end when the render noise floor is as low as this")
+        Positive,
+        Field(description="no more of them than make the render noise floor as low as this"),
     ]
     margin_px: Annotated[int, Field(ge=0, le=512, description="margin of the target's box")]
     max_depth: Annotated[int, Field(ge=1, le=64, description="longest path; 2 is direct light")]
 
     @model_validator(mode="after")
-    def _power_of_four(self) -> FilmRecipe:
-        # A square number, because the multi-jittered sampler rounds all others. A power of two,
-        # because then no film cell's samples are split between threads, whose sums would differ
-        # in the last bit from run to run. Two passes of the first two, for their variance.
-        for key, passes in (("periphery_samples", 2), ("fovea_samples", 2), ("corner_samples", 1)):
-            samples = getattr(self, key)
-            nearest = passes * 4 ** max(1, round(math.log(samples / passes, 4)))
-            if samples != nearest:
-                raise ValueError(
-                    f"{key} is {samples}, must be {'twice ' if passes == 2 else ''}a power of "
-                    f"four; near: {nearest}"
-                )
+    def _most_is_most(self) -> FilmRecipe:
+        if self.corner_samples < self.fovea_samples:
+            raise ValueError(
+                f"corner_samples is {self.corner_samples}, must not be less than fovea_samples, "
+                f"{self.fovea_samples}"
+            )
         return self
+
+
+FamilyName = Annotated[str, Field(description="a file of the folder families")]
 
 
 class ExplicitScene(Table):
     """One scene, described by itself; its name draws it."""
 
     name: SceneName
-    family: str
+    family: FamilyName
     pose: Annotated[
         str | None, Field(description="a pose of the family; drawn where not given")
     ] = None
-    split: Split
+    split: Annotated[Split, Field(description="which entries of the libraries it may take")]
     visible_fraction: Annotated[
         UnitRange | None,
         Field(description="share of the target's image that other objects leave free"),
@@ -271,7 +290,7 @@ class ExplicitScene(Table):
 class SceneGroup(Table):
     """Scenes of one family, drawn evenly over its factors, dev and test by turns."""
 
-    family: str
+    family: FamilyName
     scenes: Annotated[int, Field(ge=1, le=65_536, description="how many")]
     poses: Annotated[
         tuple[str, ...], Field(strict=False, description="poses to draw from; all if empty")
@@ -334,10 +353,14 @@ class SceneRecipe:
 class Suite(Table):
     """A list of scenes to render, and how."""
 
-    summary: str
+    summary: Summary
     film: FilmRecipe
-    scenes: Annotated[tuple[ExplicitScene, ...], Field(strict=False)] = ()
-    groups: Annotated[tuple[SceneGroup, ...], Field(strict=False)] = ()
+    scenes: Annotated[
+        tuple[ExplicitScene, ...], Field(strict=False, description="scenes named one by one")
+    ] = ()
+    groups: Annotated[
+        tuple[SceneGroup, ...], Field(strict=False, description="many scenes of a family each")
+    ] = ()
 
     @model_validator(mode="after")
     def _distinct(self) -> Suite:

@@ -13,7 +13,7 @@ from PIL import Image
 from cornerscenes import buffers, exr
 from cornerscenes.coverage import coverage
 from cornerscenes.dataset import FORMAT, write_json
-from cornerscenes.film import Film, FilmRenderer, binned, significant
+from cornerscenes.film import CORNER_RADIUS_PX, Film, FilmRenderer, SeenCorner, binned, significant
 from cornerscenes.mitsuba_backend import World
 from cornerscenes.recipes import FilmRecipe, SceneRecipe
 from cornerscenes.scene import TARGET_ID, Scene
@@ -26,12 +26,17 @@ _VARIANCE_BITS = 8
 
 
 def write(
-    folder: Path, scene: Scene, recipe: FilmRecipe, scene_recipe: SceneRecipe, key: str
+    folder: Path,
+    scene: Scene,
+    world: World,
+    recipe: FilmRecipe,
+    scene_recipe: SceneRecipe,
+    key: str,
 ) -> float:
     """Render a scene, write its files into a folder, return the target's visible fraction."""
-    world = World.of(scene, recipe.max_depth)
     true = truth(scene, world)
-    film = FilmRenderer(scene, world, recipe, key).film(seen_corners(true))
+    corners = seen_corners(true)
+    film = FilmRenderer(scene, world, recipe, key).film(corners)
     attributes = {
         "cornerbenchScene": key,
         "reconstructionFilter": "box",
@@ -74,13 +79,19 @@ def write(
     pixels = binned(film.radiance, recipe.oversampling)
     add_from_film(true, pixels, film.variance)
     write_json(folder / "truth.json", true)
-    write_json(folder / "scene.json", description(scene, recipe, scene_recipe, key, film))
+    described = description(scene, recipe, scene_recipe, key, film, corners)
+    write_json(folder / "scene.json", described)
     _preview(folder / "preview.png", pixels)
     return true["target_visible_fraction"]
 
 
 def description(
-    scene: Scene, recipe: FilmRecipe, scene_recipe: SceneRecipe, key: str, film: Film
+    scene: Scene,
+    recipe: FilmRecipe,
+    scene_recipe: SceneRecipe,
+    key: str,
+    film: Film,
+    corners: list[SeenCorner],
 ) -> dict[str, Any]:
     """Return the content of scene.json: all that was resolved."""
     target = scene.target
@@ -101,8 +112,10 @@ def description(
             "fovea_px": list(film.fovea_px),
             "fovea_samples": recipe.fovea_samples,
             "periphery_samples": recipe.periphery_samples,
-            "corner_windows": [
-                {"window_px": list(window), "samples": samples} for window, samples in film.windows
+            "corner_radius_px": CORNER_RADIUS_PX,
+            "corners": [
+                {"image_point_px": corner.image_point_px.tolist(), "samples": samples}
+                for corner, samples in zip(corners, film.corner_samples, strict=True)
             ],
             "max_depth": recipe.max_depth,
         },

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -73,6 +74,20 @@ class Part:
     uv: Float[np.ndarray, "n 2"] | None = None
     face: int | None = None
     corners_m: Float[np.ndarray, "k 3"] | None = None
+
+
+def joined(parts: Sequence[Part]) -> Part:
+    """Return several parts as one of plain facets, for what asks only for their geometry."""
+    firsts = np.cumsum([0, *(len(part.vertices) for part in parts[:-1])])
+    return Part(
+        name="joined",
+        vertices=np.concatenate([part.vertices for part in parts]),
+        triangles=np.concatenate(
+            [part.triangles + first for part, first in zip(parts, firsts, strict=True)]
+        ),
+        material=Material((0.5, 0.5, 0.5)),
+        smooth=False,
+    )
 
 
 def vertex_normals(

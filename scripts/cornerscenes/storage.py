@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import platform
 import shutil
 import sys
 import tempfile
@@ -31,6 +32,10 @@ class StorageError(Exception):
 
 class Storage(Protocol):
     """Folders of files, each of which appears whole or not at all."""
+
+    def make(self) -> None:
+        """Make the place itself, where it is not there yet: what it takes to write."""
+        ...
 
     def folders(self) -> set[str]:
         """Return the names of the folders."""
@@ -63,6 +68,10 @@ class Storage(Protocol):
         """Remove what an interruption left of these; of everything where it is `None`."""
         ...
 
+    def free_bytes(self) -> int | None:
+        """Return how much more there is room for; `None` where nobody knows."""
+        ...
+
 
 def storage_at(address: str) -> Storage:
     """Return the storage at a path or an address.
@@ -74,7 +83,7 @@ def storage_at(address: str) -> Storage:
     """
     if address.startswith("file://"):
         return Folder(Path(url2pathname(urlsplit(address).path)))
-    return Bucket(address) if "://" in address else Folder(Path(address))
+    return Bucket(address) if "://" in address else Folder(Path(address).absolute())
 
 
 class Folder:
@@ -86,6 +95,10 @@ class Folder:
     def __str__(self) -> str:
         """Return the folder, for messages."""
         return str(self.path)
+
+    def make(self) -> None:
+        """Make the folder."""
+        self.path.mkdir(parents=True, exist_ok=True)
 
     def folders(self) -> set[str]:
         """Return the names of the folders in it, but for hidden ones."""
@@ -107,7 +120,6 @@ class Folder:
 
     def write(self, path: str, content: bytes) -> None:
         """Write a file under a temporary name and rename it."""
-        self.path.mkdir(parents=True, exist_ok=True)
         write_whole(self.path / path, content)
 
     def holds(self, path: str, sha256: str, size_bytes: int) -> bool:
@@ -124,7 +136,11 @@ class Folder:
     @contextmanager
     def new_folder(self, name: str) -> Iterator[Path]:
         """Give a hidden folder beside the final one, then rename it: all appears at once."""
-        self.path.mkdir(parents=True, exist_ok=True)
+        if not self.path.is_dir():
+            raise StorageError(
+                f"{self.path}: no such folder on {platform.node()}; where several machines render, "
+                f"it must be one that they share, or an address such as s3://bucket/name"
+            )
         temporary = self._hidden(name)
         replaced = temporary.with_name(f"{temporary.name}-replaced")
         try:
@@ -153,6 +169,11 @@ class Folder:
                     shutil.rmtree(found, ignore_errors=True)
                 else:
                     found.unlink(missing_ok=True)
+
+    def free_bytes(self) -> int | None:
+        """Return the free space of the file system."""
+        there = (folder for folder in (self.path, *self.path.parents) if folder.is_dir())
+        return shutil.disk_usage(next(there)).free
 
     def _hidden(self, name: str) -> Path:
         prefix = f"{TEMPORARY}{name}{TEMPORARY_END}"
@@ -186,6 +207,10 @@ class Bucket:
     def _at(self, path: str) -> str:
         return f"{self._root}/{path}"
 
+    def make(self) -> None:
+        """Make the address, if its kind of store has such a thing as folders."""
+        self._files.makedirs(self._root, exist_ok=True)
+
     def folders(self) -> set[str]:
         """Return the names of the folders below the address."""
         self._files.invalidate_cache()
@@ -210,7 +235,6 @@ class Bucket:
 
     def write(self, path: str, content: bytes) -> None:
         """Put a file."""
-        self._files.makedirs(self._root, exist_ok=True)
         self._files.pipe_file(self._at(path), content)
 
     def holds(self, path: str, sha256: str, size_bytes: int) -> bool:
@@ -239,6 +263,10 @@ class Bucket:
 
     def remove_unfinished(self, names: Iterable[str] | None) -> None:
         """Do nothing: what has no entry is replaced when it is rendered."""
+
+    def free_bytes(self) -> int | None:
+        """Return `None`: nobody knows."""
+        return None
 
 
 def write_whole(path: Path, content: bytes) -> None:

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, RootModel, ValidationError
+from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 
 
 class RecipeError(Exception):
@@ -34,9 +35,14 @@ Rgb = Annotated[tuple[NotNegative, NotNegative, NotNegative], Field(strict=False
 Colour = Annotated[tuple[Unit, Unit, Unit], Field(strict=False)]
 Point = Annotated[tuple[Real, Real, Real], Field(strict=False)]
 Names = Annotated[tuple[str, ...], Field(min_length=1, strict=False)]
-SceneName = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9-]{0,63}$")]
-FieldOfView = Annotated[float, Field(ge=1.0, le=150.0, strict=False)]
+SceneName = Annotated[
+    str, Field(pattern=r"^[a-z0-9][a-z0-9-]{0,63}$", description="the scene's folder")
+]
+FieldOfView = Annotated[
+    float, Field(ge=1.0, le=150.0, strict=False, description="angle between its outer columns")
+]
 Split = Literal["dev", "test"]
+Summary = Annotated[str, Field(description="one line for a person")]
 
 
 def _ordered(bounds: tuple[float, float]) -> tuple[float, float]:
@@ -103,9 +109,29 @@ def _explain(item: Any, kind: type[BaseModel]) -> str:
     return f"{key} is {item['input']!r}: {item['msg'].removeprefix('Input ')}"
 
 
+def schema_of(kind: type[BaseModel]) -> JsonSchemaValue:
+    """Return the JSON Schema of a kind of recipe."""
+    return kind.model_json_schema(schema_generator=_TomlSchema)
+
+
+class _TomlSchema(GenerateJsonSchema):
+    """JSON Schema of TOML, which has no null: what may be `None` is a key that may be missing."""
+
+    def nullable_schema(self, schema: Any) -> JsonSchemaValue:
+        return self.generate_inner(schema["schema"])
+
+    def default_schema(self, schema: Any) -> JsonSchemaValue:
+        if schema.get("default", ...) is None:
+            return self.generate_inner(schema["schema"])
+        return super().default_schema(schema)
+
+    def field_title_should_be_set(self, schema: Any) -> bool:
+        return False  # a key's title would be the key again
+
+
 def _keys(kind: type[BaseModel], location: tuple[str | int, ...]) -> list[str]:
     """Return the keys that the table at a location may have."""
-    schema = kind.model_json_schema()
+    schema = schema_of(kind)
     node: Any = schema
     for step in location:
         node = _resolved(schema, node)

@@ -5,12 +5,14 @@ from __future__ import annotations
 import hashlib
 import importlib.metadata
 import json
+import platform
 import re
 import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from cornerscenes.dataset import FORMAT, Dataset, Renderer
 from cornerscenes.library import Library
@@ -18,12 +20,23 @@ from cornerscenes.recipes import Family, FilmRecipe, SceneRecipe, Suite
 from cornerscenes.storage import storage_at
 from cornerscenes.tables import RecipeError, read
 
+if TYPE_CHECKING:
+    from cornerscenes.mitsuba_backend import World
+    from cornerscenes.scene import Scene
+
 # What computes the content of a scene.
 PACKAGES = ("drjit", "mitsuba", "numpy", "scipy")
 
 # Not among the sources that a recipe's hash covers: these decide when, where and by whom a scene is
 # rendered, not what is in it.
-ORCHESTRATION = ("estimate.py", "render.py", "storage.py", "workers.py")
+ORCHESTRATION = (
+    "estimate.py",
+    "ray_workers.py",
+    "render.py",
+    "schemas.py",
+    "storage.py",
+    "workers.py",
+)
 
 
 @dataclass(frozen=True)
@@ -85,7 +98,17 @@ class Setting:
 
 @dataclass(frozen=True)
 class Rendered:
-    """What became of a task: target's visible fraction, time [s], size of the files [bytes]."""
+    """What became of a task.
+
+    Attributes
+    ----------
+    visible_fraction : float
+        Share of the target that no object hides.
+    seconds : float
+        How long it took.
+    bytes : int
+        Size of its files.
+    """
 
     visible_fraction: float
     seconds: float
@@ -196,8 +219,8 @@ def _bounds(tasks: Sequence[Task], scenes: str) -> tuple[int, int]:
     )
 
 
-# The next two run in a worker, and import the renderer there: where nothing is missing, it is never
-# loaded.
+# What follows runs in a worker, and imports the renderer there: where nothing is missing, it is
+# never loaded.
 
 
 def choose_variant(wanted: str | None) -> str:
@@ -207,17 +230,37 @@ def choose_variant(wanted: str | None) -> str:
     return mitsuba_backend.choose_variant(wanted)
 
 
-def render_one(task: Task, setting: Setting) -> Rendered:
-    """Render one scene into its dataset."""
+def scene_of(task: Task, setting: Setting) -> tuple[Scene, World]:
+    """Start the renderer and return a task's scene, and the same as the renderer holds it.
+
+    Raises
+    ------
+    RecipeError
+        When what is installed here would not render the scene that the task names.
+    """
     import drjit
 
-    from cornerscenes import mitsuba_backend, scene_files
     from cornerscenes.layout import lay_out
+    from cornerscenes.mitsuba_backend import World
 
-    started = time.monotonic()
-    mitsuba_backend.choose_variant(setting.variant)
+    here = recipe_hash(task.suite_name, task.scene, task.film, task.family, task.library)
+    if here != task.recipe_sha256:
+        raise RecipeError(
+            f"the sources or packages of its worker (on {platform.node()}) are not those that this "
+            f"run began with; render again when nothing changes them any more"
+        )
+    choose_variant(setting.variant)
     drjit.set_thread_count(setting.threads)
     scene = lay_out(task.suite_name, task.scene, task.family, task.library)
+    return scene, World.of(scene, task.film.max_depth)
+
+
+def render_one(task: Task, setting: Setting) -> Rendered:
+    """Render one scene into its dataset."""
+    from cornerscenes import scene_files
+
+    started_s = time.monotonic()
+    scene, world = scene_of(task, setting)
     renderer = Renderer(
         name="mitsuba", version=importlib.metadata.version("mitsuba"), variant=setting.variant
     )
@@ -226,6 +269,6 @@ def render_one(task: Task, setting: Setting) -> Rendered:
         task.name,
         task.recipe_sha256,
         renderer,
-        lambda folder: scene_files.write(folder, scene, task.film, task.scene, task.key),
+        lambda folder: scene_files.write(folder, scene, world, task.film, task.scene, task.key),
     )
-    return Rendered(fraction, time.monotonic() - started, size_bytes)
+    return Rendered(fraction, time.monotonic() - started_s, size_bytes)

@@ -152,11 +152,12 @@ def _noise(
     generator: np.random.Generator, sigma: float | tuple[float, float]
 ) -> Float[np.ndarray, "h w"]:
     """Return noise smoothed by a Gaussian of sigma [cells], seamless, of standard deviation 1."""
-    rows, columns = (sigma, sigma) if isinstance(sigma, float) else sigma
-    spectrum = fft.rfft2(generator.standard_normal((_CELLS, _CELLS)))
+    rows, columns = sigma if isinstance(sigma, tuple) else (sigma, sigma)
+    spectrum = np.asarray(fft.rfft2(generator.standard_normal((_CELLS, _CELLS))))
     across = np.exp(-2.0 * (np.pi * rows * fft.fftfreq(_CELLS)) ** 2)
     along = np.exp(-2.0 * (np.pi * columns * fft.rfftfreq(_CELLS)) ** 2)
-    noise = fft.irfft2(spectrum * across[:, None] * along, s=(_CELLS, _CELLS))
+    shaped = spectrum * across[:, None] * along
+    noise = np.asarray(fft.irfft2(shaped, s=(_CELLS, _CELLS)))
     return noise / noise.std()
 
 

@@ -18,10 +18,15 @@ from multiprocessing.connection import Connection, wait
 from types import TracebackType
 from typing import Any, Generic, TypeVar
 
+from cornerscenes.storage import StorageError
 from cornerscenes.tables import RecipeError
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
+
+
+class WorkersError(Exception):
+    """Workers that cannot be had; the message says why and what to do."""
 
 
 @dataclass(frozen=True)
@@ -85,16 +90,19 @@ class Workers:
 
     Parameters
     ----------
-    count : int
-        How many run at a time.
     tasks_per_worker : int
         After so many, a process is replaced.
     stop : Stop
         When it is requested, no more tasks are given out and no more results waited for.
+
+    Attributes
+    ----------
+    count : int
+        How many run at a time; 1 at first.
     """
 
-    def __init__(self, count: int, tasks_per_worker: int, stop: Stop) -> None:
-        self._count = count
+    def __init__(self, tasks_per_worker: int, stop: Stop) -> None:
+        self.count = 1
         self._tasks_per_worker = tasks_per_worker
         self._stop = stop
         self._idle: list[_Worker] = []
@@ -117,6 +125,24 @@ class Workers:
         for worker in workers:
             worker.end()
 
+    def arrange(self, tasks: int, variant: str, jobs: int | None, cores: int | None) -> int:
+        """Choose how many run at a time, and return the threads of each.
+
+        Parameters
+        ----------
+        tasks : int
+            How many there are to do.
+        variant : str
+            The renderer's variant.
+        jobs, cores : int or None
+            How many workers there shall be, and how many cores to use, where that is given.
+        """
+        cores = cores or available_cores()
+        # One thread each is fastest: what is done once a scene runs on one anyway. On a GPU, all
+        # workers would share its memory.
+        self.count = min(jobs or (1 if variant.startswith("cuda") else cores), tasks)
+        return max(1, cores // self.count)
+
     def run(
         self,
         work: Callable[[Task], Result],
@@ -135,7 +161,7 @@ class Workers:
             Is told when a process begins with a task.
         """
         waiting = iter(tasks)
-        for _, task in zip(range(self._count), waiting, strict=False):
+        for _, task in zip(range(self.count), waiting, strict=False):
             self._give(work, task, started)
         while self._busy:
             ready = wait([self._stop.connection, *self._busy])
@@ -175,7 +201,17 @@ class Workers:
 
 def explained(error: Exception) -> str:
     """Return an exception as a sentence; those that are one already stay as they are."""
-    return str(error) if isinstance(error, RecipeError) else f"{type(error).__name__}: {error}"
+    is_sentence = isinstance(error, (RecipeError, StorageError))
+    return str(error) if is_sentence else f"{type(error).__name__}: {error}"
+
+
+def answer(work: Callable[[Task], Result], task: Task) -> tuple[Result | None, str | None]:
+    """Do a task, in a worker; return its result, or the sentence that says why there is none."""
+    try:
+        return work(task), None
+    except Exception as error:  # whatever it is, the other tasks are still to be done
+        traceback.print_exc()
+        return None, explained(error)
 
 
 def _serve(connection: Connection) -> None:
@@ -187,12 +223,7 @@ def _serve(connection: Connection) -> None:
             work, task = connection.recv()
         except EOFError:
             return
-        try:
-            answer = work(task), None
-        except Exception as error:  # whatever it is, the other tasks are still to be done
-            traceback.print_exc()
-            answer = None, explained(error)
-        connection.send(answer)
+        connection.send(answer(work, task))
 
 
 def _end_with_parent() -> None:
@@ -211,7 +242,7 @@ def _ending(exit_code: int | None) -> str:
     return f"ended with exit code {exit_code}"
 
 
-def cores() -> int:
+def available_cores() -> int:
     """Return how many cores this process may use."""
     if sys.platform == "linux":
         return len(os.sched_getaffinity(0))

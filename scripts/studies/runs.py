@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 SCRIPTS = Path(__file__).parents[1]
 RECIPES = SCRIPTS.parent / "tests" / "recipes"
@@ -28,22 +31,24 @@ def start(suite: str, output: Path | str, *options: str) -> subprocess.Popen[str
     )
 
 
+def events(run: subprocess.Popen[str]) -> Iterator[dict[str, Any]]:
+    """Yield what a run says, as it comes."""
+    assert run.stdout is not None
+    return (json.loads(line) for line in run.stdout)
+
+
 def render(suite: str, output: Path | str, *options: str) -> None:
     """Render a suite of the tests to its end."""
     with start(suite, output, *options) as run:
-        assert run.stdout is not None
-        events = run.stdout.read()  # until its end; its input stays open as long
+        said = list(events(run))  # until its end; its input stays open as long
     if run.returncode != 0:
-        raise RuntimeError(f"rendering {suite} ended with {run.returncode}: {events}")
+        raise RuntimeError(f"rendering {suite} ended with {run.returncode}: {said}")
 
 
 def contents(folder: Path) -> dict[str, str]:
-    """Return the SHA-256 of every file of a dataset, hidden ones and what is unfinished included.
-
-    Left out is the log of what rendering cost, which is no part of a dataset.
-    """
+    """Return the SHA-256 of every file of a dataset, hidden and unfinished ones included."""
     return {
         str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest()
         for path in sorted(folder.rglob("*"))
-        if path.is_file() and path.name != ".costs.jsonl"
+        if path.is_file()
     }

@@ -114,7 +114,9 @@ def test_coverage_of_a_board_is_its_black_squares_and_the_rest():
 def test_the_film_holds_the_projected_silhouette_and_not_its_mirror_image():
     drawn = scene()
     world = World.of(drawn, 2)
-    image = world.radiance(drawn.camera, drawn.world_from_camera, 2, WHOLE, 16, 1)
+    view = world.seen_by(drawn.camera, drawn.world_from_camera)
+    (cells,) = view.passes(WHOLE.pixels(), 1, 2, 16, 1, "test")
+    image = WHOLE.image_of(cells)
     red = image[..., 0] > 3.0 * image[..., 1]
     ids = buffers.cast_geometry(drawn, world).object_id == TARGET_ID
     binned = red.reshape(80, 2, 96, 2).mean(axis=(1, 3)) > 0.5

@@ -11,7 +11,9 @@ from cornerscenes.storage import ENTRY, Bucket, Folder, Storage, StorageError, s
 @pytest.fixture(params=["folder", "bucket"])
 def storage(request: pytest.FixtureRequest, tmp_path: Path) -> Storage:
     address = f"memory://{uuid4()}/data" if request.param == "bucket" else str(tmp_path / "data")
-    return storage_at(address)
+    found = storage_at(address)
+    found.make()
+    return found
 
 
 def fill(storage: Storage, name: str, files: dict[str, str]) -> None:
@@ -37,6 +39,12 @@ def test_a_folder_holds_what_was_put_in_and_nothing_of_the_one_before(storage: S
     assert found == {"one/a": b"second", f"one/{ENTRY}": b"[]"}
     storage.remove("one")
     assert storage.folders() == set()
+
+
+def test_a_folder_that_this_machine_does_not_share_is_not_made_there(tmp_path: Path):
+    with pytest.raises(StorageError, match=r"no such folder on .*must be one that they share"):
+        fill(storage_at(str(tmp_path / "elsewhere")), "one", {ENTRY: "{}"})
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_folder_whose_writing_breaks_off_leaves_the_one_before(storage: Storage):

@@ -1,5 +1,6 @@
 """Which scenes a run is to render, and what decides their content."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -7,7 +8,7 @@ import pytest
 from cornerscenes import tasks
 from cornerscenes.estimate import Expectation
 from cornerscenes.tables import RecipeError
-from cornerscenes.tasks import ORCHESTRATION, selected, tasks_of
+from cornerscenes.tasks import ORCHESTRATION, Setting, scene_of, selected, tasks_of
 
 RECIPES = Path(__file__).parents[2] / "tests" / "recipes"
 TINY = tasks_of("tiny", RECIPES)
@@ -62,6 +63,11 @@ def test_a_recipe_s_hash_covers_the_sources_that_decide_a_scene_s_content(
         assert hash_after_change_of(name) == before, name
     assert hash_after_change_of("truth.py") != before
     tasks.generators.cache_clear()
+
+
+def test_a_worker_with_other_sources_than_the_run_began_with_renders_nothing():
+    with pytest.raises(RecipeError, match="not those that this run began with"):
+        scene_of(replace(TINY[0], recipe_sha256="of yesterday"), Setting("", "scalar_rgb", 1))
 
 
 def test_the_time_left_counts_waiting_and_running_scenes_over_all_workers():

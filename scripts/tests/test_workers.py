@@ -10,8 +10,9 @@ from pathlib import Path
 
 import pytest
 
+from cornerscenes.ray_workers import RayWorkers
 from cornerscenes.tables import RecipeError
-from cornerscenes.workers import Stop, Workers
+from cornerscenes.workers import Stop, Workers, WorkersError
 
 
 def doubled_or_dead(number: int) -> int:
@@ -45,7 +46,8 @@ def is_alive(process: int) -> bool:
 
 @pytest.mark.parametrize("count", [1, 3])
 def test_a_task_that_fails_or_kills_its_worker_costs_no_other_task(count: int):
-    with Workers(count, 100, Stop()) as workers:
+    with Workers(100, Stop()) as workers:
+        workers.count = count
         outcomes = list(workers.run(doubled_or_dead, range(8)))
     results = {outcome.task: outcome.result for outcome in outcomes}
     problems = {outcome.task: outcome.problem for outcome in outcomes if outcome.problem}
@@ -59,20 +61,30 @@ def test_a_task_that_fails_or_kills_its_worker_costs_no_other_task(count: int):
 
 
 def test_a_worker_is_replaced_after_its_share_of_tasks():
-    with Workers(1, 2, Stop()) as workers:
+    with Workers(2, Stop()) as workers:
         counts = Counter(outcome.result for outcome in workers.run(process_id, range(5)))
     assert sorted(counts.values()) == [1, 2, 2]
 
 
 def test_workers_go_on_from_one_run_to_the_next():
-    with Workers(1, 10, Stop()) as workers:
+    with Workers(10, Stop()) as workers:
         first, second = (next(workers.run(process_id, [0])).result for _ in range(2))
     assert first == second
 
 
+def test_without_ray_the_next_step_is_said(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setitem(sys.modules, "ray", None)
+    with (
+        pytest.raises(WorkersError, match="not installed here; run cornerbench setup --ray"),
+        RayWorkers("", 1, Stop()),
+    ):
+        pass
+
+
 def test_a_stop_ends_the_run_and_its_workers_at_once():
     stop = Stop()
-    with Workers(2, 10, stop) as workers:
+    with Workers(10, stop) as workers:
+        workers.count = 2
         list(workers.run(sleep, [0.0, 0.0]))
         processes = {worker.process.pid for worker in workers._idle}
         started: list[float] = []
@@ -94,7 +106,7 @@ def test_a_stop_ends_the_run_and_its_workers_at_once():
 def test_workers_do_not_outlive_a_parent_that_was_killed():
     code = (
         "from cornerscenes.workers import *; from tests.test_workers import sleep\n"
-        "with Workers(1, 10, Stop()) as workers:\n"
+        "with Workers(10, Stop()) as workers:\n"
         "    list(workers.run(sleep, [0.0]))\n"
         "    started = lambda task: print(workers._idle or [w for w, _ in workers._busy.values()]"
         "[0].process.pid, flush=True)\n"

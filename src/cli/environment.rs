@@ -12,7 +12,9 @@ use crate::scene::sha256_hex;
 pub(super) enum Purpose {
     /// Rendering.
     Rendering,
-    /// Rendering, and the Python tests and linters.
+    /// Rendering by the machines of a Ray cluster.
+    Ray,
+    /// All of these, and the Python tests and linters.
     Development,
 }
 
@@ -20,6 +22,7 @@ impl Purpose {
     fn name(self) -> &'static str {
         match self {
             Self::Rendering => "rendering",
+            Self::Ray => "ray",
             Self::Development => "development",
         }
     }
@@ -27,6 +30,7 @@ impl Purpose {
     fn lock(self) -> &'static str {
         match self {
             Self::Rendering => "requirements.txt",
+            Self::Ray => "requirements-ray.txt",
             Self::Development => "requirements-dev.txt",
         }
     }
@@ -37,30 +41,26 @@ const COMPLETE: &str = ".complete";
 
 /// The Python program of the environment, which is made first where it is missing.
 ///
-/// The environment's folder is named after its lock's hash, so one that is complete is current. One
-/// process at a time makes environments; the others wait for it.
+/// One process at a time makes environments; the others wait for it.
 ///
 /// # Errors
 /// When Python is missing or too old, or a package cannot be fetched; nothing is left behind then.
 pub(super) fn python(root: &Path, purpose: Purpose, say: &dyn Fn(&str)) -> Result<PathBuf> {
-    let lock = root.join("scripts").join(purpose.lock());
-    let bytes = fs::read(&lock).map_err(Error::io(&lock, "read"))?;
-    let home = root.join(".python");
-    let prefix = format!("{}-", purpose.name());
-    let folder = home.join(format!("{prefix}{}", &sha256_hex(&bytes)[..12]));
-    let is_complete = || folder.join(COMPLETE).is_file();
-    if is_complete() {
+    let folder = folder(root, purpose)?;
+    if is_complete(&folder) {
         return Ok(program(&folder));
     }
+    let home = home(root);
     fs::create_dir_all(&home).map_err(Error::io(&home, "create"))?;
     let path = home.join(".lock");
     let turn = fs::File::create(&path).map_err(Error::io(&path, "create"))?;
     turn.lock().map_err(Error::io(&path, "lock"))?;
-    if !is_complete() {
+    if !is_complete(&folder) {
         say(&format!("setting up Python for {} in {}", purpose.name(), folder.display()));
         // Incomplete ones, and those of another lock.
+        let prefix = format!("{}-", purpose.name());
         remove_all(&home, &prefix);
-        if let Err(error) = install(&folder, &lock) {
+        if let Err(error) = install(&folder, &lock(root, purpose)) {
             remove_all(&home, &prefix);
             return Err(error);
         }
@@ -68,6 +68,34 @@ pub(super) fn python(root: &Path, purpose: Purpose, say: &dyn Fn(&str)) -> Resul
         fs::write(&marker, "").map_err(Error::io(&marker, "write"))?;
     }
     Ok(program(&folder))
+}
+
+/// The Python program of an environment, where it is set up.
+///
+/// # Errors
+/// When the environment's lock cannot be read.
+pub(super) fn present_python(root: &Path, purpose: Purpose) -> Result<Option<PathBuf>> {
+    let folder = folder(root, purpose)?;
+    Ok(is_complete(&folder).then(|| program(&folder)))
+}
+
+fn home(root: &Path) -> PathBuf {
+    root.join(".python")
+}
+
+fn lock(root: &Path, purpose: Purpose) -> PathBuf {
+    root.join("scripts").join(purpose.lock())
+}
+
+/// An environment's folder; it is named after its lock's hash, so one that is complete is current.
+fn folder(root: &Path, purpose: Purpose) -> Result<PathBuf> {
+    let lock = lock(root, purpose);
+    let bytes = fs::read(&lock).map_err(Error::io(&lock, "read"))?;
+    Ok(home(root).join(format!("{}-{}", purpose.name(), &sha256_hex(&bytes)[..12])))
+}
+
+fn is_complete(environment: &Path) -> bool {
+    environment.join(COMPLETE).is_file()
 }
 
 /// Removes the environments of one purpose. What cannot be removed does no harm: it lacks the marker

@@ -1,6 +1,7 @@
 //! The command line: one file per subcommand.
 
 mod environment;
+mod estimate;
 mod export;
 mod interrupt;
 mod list;
@@ -11,6 +12,7 @@ mod project;
 mod quickstart;
 mod render;
 mod report;
+mod schemas;
 mod setup;
 mod verify;
 
@@ -80,6 +82,8 @@ enum Command {
     Locate(locate::Options),
     /// List what can be named: suites, families, plans, cameras, algorithms.
     List(list::Options),
+    /// Write the JSON Schemas by which editors complete and check the recipes.
+    Schemas(schemas::Options),
 }
 
 /// What a subcommand came to.
@@ -124,6 +128,7 @@ fn run(arguments: &Arguments) -> Result<Ended> {
         Command::Export(options) => export::run(global, options),
         Command::Locate(options) => locate::run(global, options),
         Command::List(options) => list::run(global, options),
+        Command::Schemas(options) => schemas::run(global, options),
     }
 }
 

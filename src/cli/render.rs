@@ -6,10 +6,11 @@ use std::process::{Child, Command, Stdio};
 
 use serde::Deserialize;
 
-use super::environment::{Purpose, python};
+use super::environment::{Purpose, present_python, python};
+use super::estimate::Estimate;
 use super::interrupt::{self, Asking};
 use super::progress::Progress;
-use super::{Ended, Global, default_output, project};
+use super::{Ended, Global, default_output, print_line, project};
 use crate::error::{Error, Result};
 use crate::plan::read_table;
 
@@ -17,11 +18,11 @@ use crate::plan::read_table;
 pub(super) struct Options {
     /// The suite; `cornerbench list suites` names them.
     suite: String,
-    /// Where to: a folder, or an address such as s3://bucket/name; out/SUITE/dataset where this is
-    /// not given.
+    /// Where to: a folder, or an address that fsspec opens, such as s3://bucket/name;
+    /// out/SUITE/dataset where this is not given. Several machines must share it.
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
-    /// Worker processes; they share the cores.
+    /// Worker processes; they share the cores. One a core where this is not given.
     #[arg(short, long, value_name = "N")]
     jobs: Option<usize>,
     /// Only these scenes of the suite: from number A, counted from 0, up to but without number B;
@@ -31,6 +32,14 @@ pub(super) struct Options {
     /// Only every N-th scene of the suite, from number I, 0 to N - 1: for N machines with one folder.
     #[arg(long, value_name = "I/N")]
     shard: Option<String>,
+    /// Render on the machines of a Ray cluster that runs already: at this address of its head, or
+    /// else where RAY_ADDRESS says, or the one that this machine is part of. A worker has one core.
+    #[arg(long, value_name = "HOST:PORT", num_args = 0..=1, default_missing_value = "")]
+    ray: Option<String>,
+    /// Say what time and disk it would take, and end. For that some scenes of each family are
+    /// rendered at few of their samples, which takes a minute or two.
+    #[arg(long)]
+    estimate: bool,
     /// A Mitsuba variant to use instead of the fastest one.
     #[arg(long, value_name = "NAME")]
     variant: Option<String>,
@@ -49,6 +58,8 @@ impl Options {
 enum Event {
     Start { scenes: u64, missing: u64 },
     Slow { message: String },
+    Probed { scene: String },
+    Estimate(Estimate),
     Rendering { scene: String },
     Done { scene: String, visible_fraction: f64, seconds: f64, left_s: Option<f64> },
     Failed { scene: String, key: String, message: String, left_s: Option<f64> },
@@ -59,7 +70,7 @@ enum Event {
 pub(super) fn run(global: &Global, options: &Options) -> Result<Ended> {
     let place = place(options)?;
     let ended = render(global, options)?;
-    if ended != Ended::Interrupted {
+    if ended != Ended::Interrupted && !options.estimate {
         global.say(format!("dataset: {}", place.display()));
     }
     Ok(ended)
@@ -83,7 +94,12 @@ pub(super) fn render(global: &Global, options: &Options) -> Result<Ended> {
     if let Some(jobs) = options.jobs {
         crate::registry::in_range("command line", "--jobs", jobs, 1..=1024)?;
     }
-    let program = python(&root, Purpose::Rendering, &|line| global.say(line))?;
+    let program = match options.ray {
+        None => python(&root, Purpose::Rendering, &|line| global.say(line))?,
+        Some(_) => present_python(&root, Purpose::Ray)?.ok_or_else(|| {
+            Error::Other("--ray: Ray is not set up here; run cornerbench setup --ray".to_owned())
+        })?,
+    };
     let arguments = arguments(global, options, &recipes, &place(options)?);
     let mut command = Command::new(program);
     command.args(["-m", "cornerscenes.render"]).args(&arguments).current_dir(root.join("scripts"));
@@ -107,7 +123,11 @@ fn arguments(global: &Global, options: &Options, recipes: &Path, place: &Path) -
     option("--shard", options.shard.clone());
     option("--variant", options.variant.clone());
     option("--jobs", options.jobs.map(|jobs| jobs.to_string()));
+    option("--ray", options.ray.clone());
     option("--threads", global.threads.map(|threads| threads.to_string()));
+    if options.estimate {
+        words.push("--estimate".to_owned());
+    }
     words
 }
 
@@ -117,7 +137,7 @@ fn follow(global: &Global, mut renderer: Renderer, options: &Options) -> Result<
     let mut progress = Progress::new(global);
     progress.doing("looking at what is there");
     let mut ended = Ended::Well;
-    let mut refused = None;
+    let (mut refused, mut estimate) = (None, None);
     let mut chosen = 0;
     while let Some(event) = renderer.next_event()? {
         match event {
@@ -125,8 +145,15 @@ fn follow(global: &Global, mut renderer: Renderer, options: &Options) -> Result<
                 chosen = scenes;
                 let there = scenes - missing;
                 progress.tell(&format!("suite {suite}: {there} of {scenes} scenes are rendered"));
-                progress.start(scenes, there);
+                if !options.estimate {
+                    progress.start(scenes, there);
+                }
             }
+            Event::Probed { scene } => {
+                progress.end(&scene, None);
+                progress.tell(&format!("probed {scene}"));
+            }
+            Event::Estimate(found) => estimate = Some(found),
             Event::Slow { message } => progress.tell(&message),
             Event::Rendering { scene } => progress.begin(scene),
             Event::Done { scene, visible_fraction, seconds, left_s } => {
@@ -157,6 +184,11 @@ fn follow(global: &Global, mut renderer: Renderer, options: &Options) -> Result<
         }
     }
     drop(progress);
+    match estimate {
+        Some(estimate) if global.json => print_line(serde_json::json!(estimate))?,
+        Some(estimate) => print_line(estimate)?,
+        None => {}
+    }
     let (code, last) = renderer.end()?;
     match (refused, code) {
         (Some(message), _) => Err(Error::Other(message)),
@@ -174,17 +206,21 @@ fn again(global: &Global, options: &Options, scene: Option<&str>) -> String {
     let mut words = vec!["cornerbench render".to_owned(), options.suite.clone()];
     let path = |path: &PathBuf| path.to_string_lossy().into_owned();
     let mut option = |name: &str, value: Option<String>| {
-        words.extend(value.map(|value| format!("{name} {value}")));
+        words.extend(value.map(|value| format!("{name} {value}").trim_end().to_owned()));
     };
     option("-o", options.output.as_ref().map(path));
     option("--recipes", global.recipes.as_ref().map(path));
     option("--variant", options.variant.clone());
+    option("--ray", options.ray.clone());
     match scene {
         Some(scene) => option("--scenes", Some(scene.to_owned())),
         None => {
             option("--scenes", options.scenes.clone());
             option("--shard", options.shard.clone());
             option("--jobs", options.jobs.map(|jobs| jobs.to_string()));
+            if options.estimate {
+                words.push("--estimate".to_owned());
+            }
         }
     }
     words.join(" ")

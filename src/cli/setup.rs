@@ -9,10 +9,17 @@ pub(super) struct Options {
     /// Set up what the Python tests and linters need, too.
     #[arg(long)]
     dev: bool,
+    /// Set up another environment, with Ray: for `render --ray`, and for the cluster's machines.
+    #[arg(long, conflicts_with = "dev")]
+    ray: bool,
 }
 
 pub(super) fn run(global: &Global, options: &Options) -> Result<Ended> {
-    let purpose = if options.dev { Purpose::Development } else { Purpose::Rendering };
+    let purpose = match options {
+        Options { dev: true, .. } => Purpose::Development,
+        Options { ray: true, .. } => Purpose::Ray,
+        _ => Purpose::Rendering,
+    };
     let program = python(&project::root()?, purpose, &|line| global.say(line))?;
     if global.json {
         print_line(serde_json::json!({ "python": program }))?;

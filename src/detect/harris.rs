@@ -30,12 +30,13 @@
 //!               of each |R|), harris_on_a_region_equals_harris_on_the_image (to the bit)
 //! ```
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::detect::{Detection, Detector, PeakRule, SearchArea, peaks};
 use crate::filter::{Kernel, gaussian_radius};
 use crate::image::Plane;
-use crate::registry::{Entry, defaults, in_range, parameters};
+use crate::registry::{Entry, defaults, parameters, schema};
 use crate::sensor::Exposure;
 use crate::target::TargetRegion;
 
@@ -46,38 +47,36 @@ pub const ENTRY: Entry<dyn Detector> = Entry {
     reference: "Harris & Stephens 1988, corner response function",
     version: 1,
     defaults: defaults::<Harris>,
-    build: |place, table| {
-        let harris: Harris = parameters(place, table)?;
-        in_range(place, "k", harris.k, 0.0..0.25)?;
-        in_range(place, "sigma_d", harris.sigma_d, 0.5..=8.0)?;
-        in_range(place, "sigma_i", harris.sigma_i, 0.5..=8.0)?;
-        in_range(place, "threshold_rel", harris.threshold_rel, 0.0..1.0)?;
-        in_range(place, "threshold", harris.threshold, 0.0..f64::INFINITY)?;
-        in_range(place, "nms_radius_px", harris.nms_radius_px, 1..=64)?;
-        in_range(place, "margin_px", harris.margin_px, 0.0..=1000.0)?;
-        Ok(Box::new(harris))
-    },
+    schema: schema::<Harris>,
+    build: |place, table| Ok(Box::new(parameters::<Harris>(place, table)?)),
 };
 
 /// The detector; the header above explains its parameters.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct Harris {
     /// Weight of the squared trace.
+    #[schemars(range(min = 0.0), extend("exclusiveMaximum" = 0.25))]
     pub k: f64,
     /// The derivative operator.
     pub derivative: Derivative,
     /// Scale of the Gaussian derivative \[px\].
+    #[schemars(range(min = 0.5, max = 8.0))]
     pub sigma_d: f64,
     /// Scale of the window \[px\].
+    #[schemars(range(min = 0.5, max = 8.0))]
     pub sigma_i: f64,
     /// Threshold as a fraction of the strongest response searched.
+    #[schemars(range(min = 0.0), extend("exclusiveMaximum" = 1.0))]
     pub threshold_rel: f64,
     /// Threshold on the response itself \[DN^4/px^4\].
+    #[schemars(range(min = 0.0))]
     pub threshold: f64,
     /// Half side of the square in which a corner is the maximum \[px\].
+    #[schemars(range(min = 1, max = 64))]
     pub nms_radius_px: u32,
     /// How far around the region to search \[px\].
+    #[schemars(range(min = 0.0, max = 1000.0))]
     pub margin_px: f64,
 }
 
@@ -97,7 +96,7 @@ impl Default for Harris {
 }
 
 /// How slopes are measured; each gives 1 DN/px on a ramp of 1 DN/px.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Derivative {
     /// (-1, 0, 1) / 2.

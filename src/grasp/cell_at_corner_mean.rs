@@ -25,13 +25,12 @@
 //! ```
 
 use nalgebra::Point3;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use toml::Table;
 
-use crate::error::Result;
 use crate::geometry::ImagePoint;
 use crate::grasp::{Face, Grasp, GraspEstimator, NoGrasp};
-use crate::registry::{self, Entry};
+use crate::registry::{Entry, defaults, parameters, schema};
 use crate::sensor::{RangeImage, Rig};
 
 /// The registry's line.
@@ -41,12 +40,13 @@ pub const ENTRY: Entry<dyn GraspEstimator> = Entry {
     reference: "Visual recognition of robot targets in complex state based on sub-pixel Harris \
                 corner, section 5",
     version: 1,
-    defaults: registry::defaults::<CellAtCornerMean>,
-    build: |place, table| Ok(Box::new(CellAtCornerMean::from_table(place, table)?)),
+    defaults: defaults::<CellAtCornerMean>,
+    schema: schema::<CellAtCornerMean>,
+    build: |place, table| Ok(Box::new(parameters::<CellAtCornerMean>(place, table)?)),
 };
 
 /// What is taken from the range cell.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Lookup {
     /// Its point.
@@ -57,17 +57,11 @@ pub enum Lookup {
 }
 
 /// The estimator; its parameter is that of the header.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct CellAtCornerMean {
     /// What is taken from the range cell.
     pub lookup: Lookup,
-}
-
-impl CellAtCornerMean {
-    fn from_table(place: &str, table: &Table) -> Result<Self> {
-        registry::parameters(place, table)
-    }
 }
 
 impl GraspEstimator for CellAtCornerMean {

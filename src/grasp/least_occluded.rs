@@ -61,14 +61,13 @@
 //! # Checked by  tests below; tests/it/grasp.rs (prints the rates on drawn cuboids)
 //! ```
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use toml::Table;
 
-use crate::error::Result;
 use crate::geometry::ImagePoint;
 use crate::grasp::{Face, FaceSelector, NoFace};
 use crate::refine::Corner;
-use crate::registry::{self, Entry, in_range};
+use crate::registry::{Entry, defaults, parameters, schema};
 use crate::sensor::Exposure;
 use crate::target::TargetRegion;
 
@@ -83,8 +82,9 @@ pub const ENTRY: Entry<dyn FaceSelector> = Entry {
     reference: "Visual recognition of robot targets in complex state based on sub-pixel Harris \
                 corner, section 5",
     version: 1,
-    defaults: registry::defaults::<LeastOccluded>,
-    build: |place, table| Ok(Box::new(LeastOccluded::from_table(place, table)?)),
+    defaults: defaults::<LeastOccluded>,
+    schema: schema::<LeastOccluded>,
+    build: |place, table| Ok(Box::new(parameters::<LeastOccluded>(place, table)?)),
 };
 
 /// Of corners nearer to each other than this one is enough \[px\].
@@ -95,21 +95,27 @@ const MAX_HIDDEN_FRACTION: f64 = 0.8;
 const PART_AREA_RATIO: f64 = 1.15;
 
 /// The selector; its parameters are those of the header.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct LeastOccluded {
-    /// Largest share of the chosen face's pixels that may be hidden, in \[0.001, 1\].
+    /// Largest share of the chosen face's pixels that may be hidden.
+    #[schemars(range(min = 0.001, max = 1.0))]
     pub max_gap_fraction: f64,
-    /// Smallest area of a face, as a share of the pixels of the target's colour, in \[0, 1\].
+    /// Smallest area of a face, as a share of the pixels of the target's colour.
+    #[schemars(range(min = 0.0, max = 1.0))]
     pub min_area_fraction: f64,
-    /// Smallest share of each side that must lie on an edge of the image, in \[0.1, 1\].
+    /// Smallest share of each side that must lie on an edge of the image.
+    #[schemars(range(min = 0.1, max = 1.0))]
     pub min_side_support: f64,
     /// The smallest step that is an edge and the largest within one face, as a share of the
-    /// target's mean red, in \[0.005, 0.5\].
+    /// target's mean red.
+    #[schemars(range(min = 0.005, max = 0.5))]
     pub edge_step_fraction: f64,
-    /// Largest angle between opposite sides, beyond what corner errors explain, in \[0, 60\] deg.
+    /// Largest angle between opposite sides, beyond what corner errors explain \[deg\].
+    #[schemars(range(min = 0.0, max = 60.0))]
     pub max_convergence_deg: f64,
-    /// How many of the strongest corners are considered, in \[4, 64\].
+    /// How many of the strongest corners are considered.
+    #[schemars(range(min = 4, max = 64))]
     pub max_corners: usize,
 }
 
@@ -127,17 +133,6 @@ impl Default for LeastOccluded {
 }
 
 impl LeastOccluded {
-    fn from_table(place: &str, table: &Table) -> Result<Self> {
-        let selector: Self = registry::parameters(place, table)?;
-        in_range(place, "max_gap_fraction", selector.max_gap_fraction, 0.001..=1.0)?;
-        in_range(place, "min_area_fraction", selector.min_area_fraction, 0.0..=1.0)?;
-        in_range(place, "min_side_support", selector.min_side_support, 0.1..=1.0)?;
-        in_range(place, "edge_step_fraction", selector.edge_step_fraction, 0.005..=0.5)?;
-        in_range(place, "max_convergence_deg", selector.max_convergence_deg, 0.0..=60.0)?;
-        in_range(place, "max_corners", selector.max_corners, 4..=64)?;
-        Ok(selector)
-    }
-
     /// The strongest corners next to the target, of those closer than [`MERGE_PX`] the strongest.
     fn strongest(&self, target: &Target, corners: &[Corner]) -> Vec<ImagePoint> {
         let mut corners: Vec<&Corner> =
@@ -380,7 +375,7 @@ mod tests {
     fn a_parameter_out_of_range_is_named() {
         let table = "max_gap_fraction = 0.0".parse().expect("valid TOML");
         let error = (ENTRY.build)("plan.toml", &table).err().expect("out of range");
-        let expected = "plan.toml: max_gap_fraction is 0, must be in 0.001..=1.0";
+        let expected = "plan.toml: max_gap_fraction is 0, must be in [0.001, 1]";
         assert_eq!(error.to_string(), expected);
     }
 }

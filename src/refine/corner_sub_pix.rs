@@ -35,13 +35,14 @@
 //!               differ by more than 1e-4 px, seeds near the top right corner or never converging.
 //! ```
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::detect::Detection;
 use crate::geometry::ImagePoint;
 use crate::image::Plane;
 use crate::refine::{Corner, RefineStatus, Refiner};
-use crate::registry::{Entry, defaults, in_range, parameters};
+use crate::registry::{Entry, defaults, in_range, parameters, schema};
 use crate::sensor::Exposure;
 
 /// The registry's line.
@@ -51,28 +52,30 @@ pub const ENTRY: Entry<dyn Refiner> = Entry {
     reference: "Foerstner & Guelch 1987; OpenCV 5.0.0 cornerSubPix",
     version: 1,
     defaults: defaults::<CornerSubPix>,
+    schema: schema::<CornerSubPix>,
     build: |place, table| {
         let refiner: CornerSubPix = parameters(place, table)?;
-        in_range(place, "half_window_px", refiner.half_window_px, 1..=255)?;
         let half_window = i32::from(refiner.half_window_px);
         in_range(place, "zero_zone_px", refiner.zero_zone_px, -1..=half_window - 1)?;
-        in_range(place, "max_iterations", refiner.max_iterations, 1..=100)?;
-        in_range(place, "epsilon_px", refiner.epsilon_px, 0.0..f64::INFINITY)?;
         Ok(Box::new(refiner))
     },
 };
 
 /// The refiner; the header above explains its parameters.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct CornerSubPix {
     /// Half the window's side \[px\], its centre not counted.
+    #[schemars(range(min = 1, max = 255))]
     pub half_window_px: u8,
     /// Half the side of the square left out around the centre \[px\]; -1 leaves nothing out.
+    #[schemars(range(min = -1, max = 254))]
     pub zero_zone_px: i32,
     /// Iterations at most.
+    #[schemars(range(min = 1, max = 100))]
     pub max_iterations: u32,
     /// The step that ends the iteration \[px\].
+    #[schemars(range(min = 0.0))]
     pub epsilon_px: f64,
 }
 

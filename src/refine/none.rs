@@ -12,11 +12,12 @@
 //! # Checked by  tests/it/contract.rs (all)
 //! ```
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::detect::Detection;
 use crate::refine::{Corner, RefineStatus, Refiner};
-use crate::registry::{Entry, defaults, parameters};
+use crate::registry::{Entry, defaults, parameters, schema};
 use crate::sensor::Exposure;
 
 /// The registry's line.
@@ -26,11 +27,12 @@ pub const ENTRY: Entry<dyn Refiner> = Entry {
     reference: "the paper, Table 1, Harris(x) and Harris(y)",
     version: 1,
     defaults: defaults::<Unrefined>,
+    schema: schema::<Unrefined>,
     build: |place, table| Ok(Box::new(parameters::<Unrefined>(place, table)?)),
 };
 
 /// The refiner that does nothing.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct Unrefined {}
 

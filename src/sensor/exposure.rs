@@ -2,24 +2,26 @@
 
 use std::sync::OnceLock;
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::error::Result;
 use crate::geometry::{Camera, Pose};
 use crate::image::Plane;
-use crate::registry;
 use crate::scene::Film;
 use crate::sensor::Transfer;
 
 /// How a camera turns radiance into digital numbers.
 ///
 /// The ideal camera of the paper's simulator: no noise, no optics but the pixel's own area.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
+#[schemars(title = "Camera")]
 pub struct CameraModel {
-    /// Encoded full scale per unit of radiance; > 0.
+    /// Encoded full scale per unit of radiance.
+    #[schemars(range(min = 1e-6, max = 1e6))]
     pub gain: f64,
-    /// Bits per sample, 8 to 16.
+    /// Bits per sample.
+    #[schemars(range(min = 8, max = 16))]
     pub bit_depth: u8,
     /// The curve from linear light to encoded value.
     pub transfer: Transfer,
@@ -30,18 +32,6 @@ pub struct CameraModel {
 impl Default for CameraModel {
     fn default() -> Self {
         Self { gain: 1.0, bit_depth: 8, transfer: Transfer::Srgb, summary: String::new() }
-    }
-}
-
-impl CameraModel {
-    /// Checks every value's range; `place` names the file.
-    ///
-    /// # Errors
-    /// [`Error::OutOfRange`](crate::error::Error::OutOfRange).
-    pub fn check(&self, place: &str) -> Result<()> {
-        registry::in_range(place, "gain", self.gain, 1e-6..=1e6)?;
-        registry::in_range(place, "bit_depth", self.bit_depth, 8..=16)?;
-        Ok(())
     }
 }
 

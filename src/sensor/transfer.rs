@@ -1,9 +1,10 @@
 //! Transfer functions between linear light and encoded values, both in \[0, 1\].
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// How linear light becomes an encoded value.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Transfer {
     /// Encoded value proportional to light.

@@ -20,10 +20,11 @@
 //!               tests/it/oracle.rs::red_difference_frames_a_drawn_rectangle
 //! ```
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::image::Plane;
-use crate::registry::{Entry, defaults, in_range, parameters};
+use crate::registry::{Entry, defaults, parameters, schema};
 use crate::sensor::Exposure;
 use crate::target::{NoTarget, TargetExtractor, TargetRegion, largest_region};
 
@@ -34,21 +35,19 @@ pub const ENTRY: Entry<dyn TargetExtractor> = Entry {
     reference: "the paper, section 3.2",
     version: 1,
     defaults: defaults::<RedDifference>,
-    build: |place, table| {
-        let extractor: RedDifference = parameters(place, table)?;
-        in_range(place, "diff_r", extractor.diff_r, 0.0..=255.0)?;
-        in_range(place, "min_pixels", extractor.min_pixels, 1..=u32::MAX)?;
-        Ok(Box::new(extractor))
-    },
+    schema: schema::<RedDifference>,
+    build: |place, table| Ok(Box::new(parameters::<RedDifference>(place, table)?)),
 };
 
 /// The extractor; the header above explains its parameters.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct RedDifference {
     /// By how much red exceeds green and blue \[DN of 8 bit\].
+    #[schemars(range(min = 0.0, max = 255.0))]
     pub diff_r: f64,
     /// Pixels of the smallest region taken for a target.
+    #[schemars(range(min = 1))]
     pub min_pixels: u32,
 }
 

@@ -32,7 +32,7 @@ fn tiny_dataset() -> &'static Path {
     })
 }
 
-/// Every file of a dataset, hidden ones included, but for the log of what rendering cost.
+/// Every file of a dataset, hidden ones included.
 fn contents(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     let mut found = BTreeMap::new();
     for entry in fs::read_dir(folder).expect("a folder").flatten() {
@@ -42,7 +42,7 @@ fn contents(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
             found.extend(
                 inner.into_iter().map(|(file, bytes)| (Path::new(&name).join(file), bytes)),
             );
-        } else if name != ".costs.jsonl" {
+        } else {
             found.insert(name.into(), fs::read(path).expect("a file"));
         }
     }
@@ -210,7 +210,9 @@ fn a_choice_of_scenes_leaves_all_others_even_those_of_another_recipe() {
     copy_folder(tiny_dataset(), &dataset);
     let family = changed.join("families/tiny.toml");
     let text = fs::read_to_string(&family).expect("a family");
-    fs::write(&family, text.replace("roughness = 0.3", "roughness = 0.4")).expect("written");
+    let other = text.replace("yaw_deg = [10.0, 20.0]", "yaw_deg = [10.0, 21.0]");
+    assert_ne!(text, other);
+    fs::write(&family, other).expect("written");
 
     let mut command = cornerbench();
     command.args(["render", "tiny", "--scenes", "0..1", "--output"]).arg(&dataset);
@@ -221,6 +223,34 @@ fn a_choice_of_scenes_leaves_all_others_even_those_of_another_recipe() {
     let text = stderr(&run(&mut tiny(&dataset, &[])));
     assert!(text.contains("3 of 4 scenes are rendered"), "{text}");
     assert_is_tiny_dataset(&dataset);
+}
+
+#[test]
+fn an_estimate_says_what_the_missing_scenes_take_and_renders_none() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let dataset = folder.path().join("dataset");
+    let output = run(&mut tiny(&dataset, &["--estimate", "--json", "--scenes", "1.."]));
+    let found: Value = serde_json::from_slice(&output.stdout).expect("JSON");
+    assert_eq!((&found["missing"], &found["families"][0]["scenes"]), (&3.into(), &3.into()));
+    for sum in ["seconds", "bytes"] {
+        let [low, expected, high] = ["low", "expected", "high"].map(|key| found[sum][key].as_f64());
+        assert!(Some(0.0) < low && low < expected && expected < high, "{sum}: {found}");
+    }
+    assert!(!dataset.exists());
+    let none = run(&mut tiny(tiny_dataset(), &["--estimate"]));
+    assert_eq!(String::from_utf8_lossy(&none.stdout), "nothing is missing\n");
+}
+
+#[test]
+fn a_cluster_without_ray_is_refused_with_the_next_step() {
+    let project = tempfile::tempdir().expect("a temporary folder");
+    for folder in ["scenes/suites", "scripts/cornerscenes"] {
+        fs::create_dir_all(project.path().join(folder)).expect("a folder");
+    }
+    fs::write(project.path().join("scripts/requirements-ray.txt"), "").expect("a lock");
+    let output = run(tiny(Path::new("dataset"), &["--ray"]).current_dir(project.path()));
+    assert_eq!(output.status.code(), Some(2));
+    assert!(stderr(&output).contains("run cornerbench setup --ray"), "{}", stderr(&output));
 }
 
 #[test]
