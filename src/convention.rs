@@ -339,19 +339,20 @@ fn find_border(
     let shares: Vec<f64> =
         (from..to).map(|v| Some(picture.cell(axis, column, v)?[region])).collect::<Option<_>>()?;
     let total: f64 = shares.iter().sum();
-    let (first, last) = (shares.first()?.round(), shares.last()?.round());
-    let border = if first > last { from as f64 + total } else { to as f64 - total };
+    let (first, last) = (*shares.first()? > 0.5, *shares.last()? > 0.5);
+    if first == last {
+        return None;
+    }
+    let border = if first { from as f64 + total } else { to as f64 - total };
     let is_clear = |(v, share): (i64, &f64)| {
-        let expected = if (v as f64 + 1.0) < border - CLEAR {
-            first
-        } else if v as f64 > border + CLEAR {
-            last
-        } else {
-            return true;
+        let within = match v as f64 {
+            v if v + 1.0 < border - CLEAR => first,
+            v if v > border + CLEAR => last,
+            _ => return true,
         };
-        (share - expected).abs() < ROUNDING
+        (share - f64::from(u8::from(within))).abs() < ROUNDING
     };
-    ((first - last).abs() == 1.0 && (from..to).zip(&shares).all(is_clear)).then_some(border)
+    (from..to).zip(&shares).all(is_clear).then_some(border)
 }
 
 /// Whether each side of the edge at `point` is one surface, on the target those that meet there, and
