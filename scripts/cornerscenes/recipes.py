@@ -41,7 +41,7 @@ def _built(name: str) -> str:
 
 
 BuilderName = Annotated[
-    str, AfterValidator(_built), Field(json_schema_extra={"enum": sorted(BUILDERS)})
+    str, AfterValidator(_built), Field(json_schema_extra={"enum": [*sorted(BUILDERS)]})
 ]
 
 

@@ -228,7 +228,7 @@ def disagreements(
         start, end = vertices[edge["corners"]]
         shares = generator.random(count)
         parts = np.array([[p["start"], p["end"]] for p in edge["visible"]]).reshape(-1, 2)
-        said = ((shares[:, None] > parts[:, 0]) & (shares[:, None] < parts[:, 1])).any(axis=1)
+        said = np.any((shares[:, None] > parts[:, 0]) & (shares[:, None] < parts[:, 1]), axis=1)
         for index in compare(said, seen(start + shares[:, None] * (end - start))):
             away = np.abs(parts - shares[index]).min(initial=1.0)
             distances.append(float(away * np.linalg.norm(end - start)))

@@ -260,7 +260,7 @@ fn scenes_and_shards_that_are_not_there_are_refused_before_anything_starts() {
     for (options, words) in [
         (["--scenes", "2..9"], "must be A..B within 0..4, or the name of a scene"),
         (["--shard", "2/2"], "must be I/N with I from 0 to N - 1"),
-        (["--jobs", "0"], "--jobs is 0, must be in 1..=1024"),
+        (["--jobs", "0"], "--jobs is 0, must be in [1, 1024]"),
     ] {
         let output = run(&mut tiny(&dataset, &options));
         assert_eq!(output.status.code(), Some(2), "{options:?}: {}", stderr(&output));
