@@ -134,31 +134,31 @@ class FilmRenderer:
             The visible corners.
         """
         scale, camera = self._recipe.oversampling, self._scene.camera
-        coarse, variance = self._periphery()
-        radiance = np.repeat(np.repeat(coarse, scale, axis=0), scale, axis=1)
+        pixels, variance = self._periphery()
+        radiance = np.repeat(np.repeat(pixels, scale, axis=0), scale, axis=1)
         whole = Window(0, 0, camera.width, camera.height)
         points = self._scene.image_of(self._scene.target.vertices_m())
         fovea = Window.about(points, self._recipe.margin_px).within(whole)
         if fovea.is_empty:
             return Film(radiance, variance, Window(0, 0, 0, 0), ())
-        pixels = fovea.pixels()
-        from_corner = [np.linalg.norm(pixels - c.image_point_px, axis=1) for c in corners]
-        near = np.reshape([d <= CORNER_RADIUS_PX for d in from_corner], (-1, len(pixels)))
-        cells, means = (_Average(len(pixels)) for _ in range(2))
-        passes = np.full(len(pixels), self._fovea_passes)
+        tiles = fovea.pixels()
+        from_corner = [np.linalg.norm(tiles - c.image_point_px, axis=1) for c in corners]
+        near = np.reshape([d <= CORNER_RADIUS_PX for d in from_corner], (-1, len(tiles)))
+        cells, means = (_Average(len(tiles)) for _ in range(2))
+        passes = np.full(len(tiles), self._fovea_passes)
         for turn in range(_TURNS):
             for count in sorted({*(passes - means.count)} - {0}):
                 chosen = np.flatnonzero(passes - means.count == count)
                 name = f"fovea/{turn}/{count}"
-                for image in self._passes(pixels[chosen], 1, scale, count, name):
+                for image in self._passes(tiles[chosen], 1, scale, count, name):
                     cells.add(chosen, image)
                     means.add(chosen, image.mean(axis=(1, 2)))
-            fovea.of(radiance, scale)[:] = fovea.image_of(cells.mean())
+            fovea.of(pixels)[:] = fovea.image_of(means.mean()[:, None, None])
             fovea.of(variance)[:] = fovea.image_of(means.variance()[:, None, None])
-            binned_radiance = binned(radiance, scale)
             for corner, about in zip(corners, near, strict=True):
-                needed = self._passes_for(corner, binned_radiance, variance, means.count[about])
+                needed = self._passes_for(corner, pixels, variance, means.count[about])
                 passes[about] = np.maximum(passes[about], needed)
+        fovea.of(radiance, scale)[:] = fovea.image_of(cells.mean())
         samples = [int(means.count[about].min()) * self._samples // scale**2 for about in near]
         return Film(radiance, variance, fovea, tuple(samples))
 

@@ -336,7 +336,8 @@ class View:
     ) -> Float[np.ndarray, "n d d 3"]:
         import drjit
 
-        # What differs from call to call is opaque: then one compiled kernel serves all of a scene.
+        # What differs from call to call is opaque, and no sum is kept per thread (its size would be
+        # part of the code): then one compiled kernel serves all of a scene.
         sampler = mi.load_dict({"type": "multijitter", "sample_count": samples})
         sampler.set_samples_per_wavefront(samples)
         sampler.seed(seed, len(tiles_px) * samples)
@@ -354,7 +355,7 @@ class View:
         cells = len(tiles_px) * divisions**2
         sums = [drjit.zeros(mi.Float, cells) for _ in range(4)]
         for sum_, value in zip(sums, (*radiance, mi.Float(1.0)), strict=True):
-            drjit.scatter_add(sum_, value, place_in_sums)
+            drjit.scatter_add(sum_, value, place_in_sums, mode=drjit.ReduceMode.Direct)
         drjit.eval(sums)
         red, green, blue, counted = (np.array(sum_, dtype=np.float64) for sum_ in sums)
         mean = np.stack([red, green, blue], axis=-1) / counted[:, None]
