@@ -6,6 +6,8 @@ adding a scene or a factor moves no other.
 
 from __future__ import annotations
 
+from contextlib import suppress
+
 import numpy as np
 from jaxtyping import Float
 
@@ -42,6 +44,9 @@ from cornerscenes.streams import Factors, stream
 from cornerscenes.tables import RecipeError, unknown_name
 from cornerscenes.target import Target, Wireframe
 from cornerscenes.textures import BACKGROUNDS, TILE_M, label, scratches, wood
+
+# How often a scene's objects are drawn anew where they cannot be placed as the recipe wants.
+REDRAWN = 3
 
 # The stripe on the wall: the red of paint.
 _STRIPE: Rgb = (0.62, 0.03, 0.03)
@@ -103,13 +108,6 @@ class _Drawing:
             if (target.vertices_m()[:, :2].max(axis=0) > walls).any():
                 raise RecipeError("the target stands in a wall; move it or the wall")
         names["light"] = self._name("lights", family.lights)
-        built = tuple(
-            self._build(index, item)
-            for index, item in enumerate(family.objects)
-            if self.factors.unit(f"object{index}.share")[0] < item.share
-        )
-        eye = pose[:3, 3]
-        wanted = self.recipe.visible_fraction
         return Scene(
             camera=camera,
             range_camera=_camera(family.range_sensor),
@@ -117,7 +115,7 @@ class _Drawing:
             world_from_range=pose @ _shifted(family.range_sensor.position_in_camera_m),
             lens=self._lens(family.camera.lens, target, pose),
             target=target,
-            objects=place(self.key, built, target, eye, walls, wanted),
+            objects=self._objects(target, pose[:3, 3], walls),
             surfaces=surfaces,
             lines=lines,
             light=self._light(names["light"], target),
@@ -327,8 +325,29 @@ class _Drawing:
             )
         return Light(entry.zenith, entry.horizon, entry.nadir, tuple(lamps))
 
-    def _build(self, index: int, recipe: ObjectRecipe) -> PlacedObject:
-        key = f"object{index}"
+    def _objects(
+        self, target: Target, eye_m: Float[np.ndarray, "3"], walls_m: Float[np.ndarray, "2"]
+    ) -> tuple[PlacedObject, ...]:
+        """Draw objects and place them; draw others where these cannot be placed as is wanted."""
+
+        def attempt(prefix: str) -> tuple[PlacedObject, ...]:
+            keys = [f"{prefix}object{index}" for index in range(len(self.family.objects))]
+            built = tuple(
+                self._build(index, key, item)
+                for index, (key, item) in enumerate(zip(keys, self.family.objects, strict=True))
+                if self.factors.unit(f"{key}.share")[0] < item.share
+            )
+            return place(self.key, built, target, eye_m, walls_m, self.recipe.visible_fraction)
+
+        try:
+            return attempt("")
+        except RecipeError:
+            for count in range(REDRAWN):
+                with suppress(RecipeError):
+                    return attempt(f"redrawn{count}.")
+            raise
+
+    def _build(self, index: int, key: str, recipe: ObjectRecipe) -> PlacedObject:
         builder = self.factors.one_of(f"{key}.builder", recipe.builders)
         height_m = self.factors.within(f"{key}.height", recipe.height_m)
         parts = BUILDERS[builder](stream(self.key, key, builder), height_m)
