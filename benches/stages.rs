@@ -3,6 +3,7 @@
 
 mod stages {
     pub mod detect;
+    pub mod expose;
     pub mod photograph;
     pub mod refine;
     pub mod target;
@@ -10,6 +11,7 @@ mod stages {
 
 fn main() {
     let mut criterion = criterion::Criterion::default().configure_from_args();
+    stages::expose::define(&mut criterion);
     stages::target::define(&mut criterion);
     stages::detect::define(&mut criterion);
     stages::refine::define(&mut criterion);

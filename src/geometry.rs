@@ -6,7 +6,10 @@
 //! * World: metres, z up, right-handed. Poses are named `a_from_b` and composed as
 //!   `a_from_b * b_from_c`.
 
-use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{
+    Isometry3, Matrix2, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector2, Vector3,
+};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// A rigid motion; a value named `a_from_b` takes coordinates in b to coordinates in a.
@@ -59,7 +62,90 @@ impl From<ImagePoint> for [f64; 2] {
     }
 }
 
-/// A pinhole camera: image size and intrinsics, in the image convention above.
+/// How a lens bends straight lines: on the plane at z = 1, a point (x, y) at distance r from the axis
+/// is seen at
+///
+/// x (1 + k1 r^2 + k2 r^4 + k3 r^6) + 2 p1 x y + p2 (r^2 + 2 x^2), and likewise
+/// y (1 + k1 r^2 + k2 r^4 + k3 r^6) + p1 (r^2 + 2 y^2) + 2 p2 x y
+///
+/// Brown (1966), Decentering distortion of lenses, in the order of coefficients of OpenCV.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct Distortion {
+    /// Radial, of r^2; below zero: a barrel.
+    #[schemars(range(min = -10.0, max = 10.0))]
+    pub k1: f64,
+    /// Radial, of r^4.
+    #[schemars(range(min = -100.0, max = 100.0))]
+    pub k2: f64,
+    /// Tangential, along y.
+    #[schemars(range(min = -1.0, max = 1.0))]
+    pub p1: f64,
+    /// Tangential, along x.
+    #[schemars(range(min = -1.0, max = 1.0))]
+    pub p2: f64,
+    /// Radial, of r^6.
+    #[schemars(range(min = -1000.0, max = 1000.0))]
+    pub k3: f64,
+}
+
+impl Distortion {
+    /// A lens that does not distort.
+    pub const NONE: Self = Self { k1: 0.0, k2: 0.0, p1: 0.0, p2: 0.0, k3: 0.0 };
+
+    /// Whether straight lines stay straight.
+    pub fn is_none(&self) -> bool {
+        *self == Self::NONE
+    }
+
+    /// Where the point (x, y) at z = 1 is seen.
+    pub fn distort(&self, point: Vector2<f64>) -> Vector2<f64> {
+        let (x, y) = (point.x, point.y);
+        let square = x * x + y * y;
+        let radial = 1.0 + square * (self.k1 + square * (self.k2 + square * self.k3));
+        Vector2::new(
+            x * radial + 2.0 * self.p1 * x * y + self.p2 * (square + 2.0 * x * x),
+            y * radial + self.p1 * (square + 2.0 * y * y) + 2.0 * self.p2 * x * y,
+        )
+    }
+
+    /// Derivatives of [`Self::distort`] by x and by y, column by column.
+    pub fn jacobian(&self, point: Vector2<f64>) -> Matrix2<f64> {
+        let (x, y) = (point.x, point.y);
+        let square = x * x + y * y;
+        let radial = 1.0 + square * (self.k1 + square * (self.k2 + square * self.k3));
+        // Twice the derivative by the square of the radius.
+        let slope = 2.0 * (self.k1 + square * (2.0 * self.k2 + square * 3.0 * self.k3));
+        let mixed = x * y * slope + 2.0 * self.p1 * x + 2.0 * self.p2 * y;
+        Matrix2::new(
+            radial + x * x * slope + 2.0 * self.p1 * y + 6.0 * self.p2 * x,
+            mixed,
+            mixed,
+            radial + y * y * slope + 6.0 * self.p1 * y + 2.0 * self.p2 * x,
+        )
+    }
+
+    /// The point at z = 1 that is seen at (x, y), by Newton's method; `None` where the lens folds the
+    /// image, so that none or more than one is.
+    pub fn undistort(&self, seen: Vector2<f64>) -> Option<Vector2<f64>> {
+        let mut point = seen;
+        for _ in 0..30 {
+            let jacobian = self.jacobian(point);
+            if jacobian.determinant() <= 1e-3 {
+                return None;
+            }
+            let step = jacobian.try_inverse()? * (self.distort(point) - seen);
+            point -= step;
+            if step.norm() < 1e-14 * (1.0 + point.norm()) {
+                break;
+            }
+        }
+        let is_found = (self.distort(point) - seen).norm() < 1e-10 * (1.0 + seen.norm());
+        (is_found && self.jacobian(point).determinant() > 1e-3).then_some(point)
+    }
+}
+
+/// A camera: image size, intrinsics and distortion, in the image convention above.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Camera {
@@ -75,20 +161,46 @@ pub struct Camera {
     pub cx_px: f64,
     /// Principal point, y \[px\]; (height - 1) / 2 when centred.
     pub cy_px: f64,
+    /// How its lens bends straight lines.
+    #[serde(default, skip_serializing_if = "Distortion::is_none")]
+    pub distortion: Distortion,
 }
 
 impl Camera {
     /// Projects a point of the camera frame \[m\]; `None` when it is not in front of the camera.
     pub fn project(&self, point: &Point3<f64>) -> Option<ImagePoint> {
-        (point.z > 0.0).then(|| ImagePoint {
-            x: self.fx_px * point.x / point.z + self.cx_px,
-            y: self.fy_px * point.y / point.z + self.cy_px,
+        (point.z > 0.0).then(|| {
+            let seen = self.distortion.distort(Vector2::new(point.x, point.y) / point.z);
+            ImagePoint::new(self.fx_px * seen.x + self.cx_px, self.fy_px * seen.y + self.cy_px)
         })
     }
 
-    /// The direction of the ray through `point`, in the camera frame, scaled to z = 1.
+    /// The direction of the ray through `point`, in the camera frame, scaled to z = 1; where the lens
+    /// folds the image, as if it did not distort.
     pub fn ray(&self, point: ImagePoint) -> Vector3<f64> {
-        Vector3::new((point.x - self.cx_px) / self.fx_px, (point.y - self.cy_px) / self.fy_px, 1.0)
+        let seen =
+            Vector2::new((point.x - self.cx_px) / self.fx_px, (point.y - self.cy_px) / self.fy_px);
+        if self.distortion.is_none() {
+            return seen.push(1.0);
+        }
+        self.distortion.undistort(seen).unwrap_or(seen).push(1.0)
+    }
+
+    /// Whether each point of the sensor, and of a margin of two pixels, is the image of one ray.
+    pub fn is_one_to_one(&self) -> bool {
+        const STEPS: u32 = 64;
+        let along = |step: u32, count: u32| {
+            -2.5 + f64::from(step) / f64::from(STEPS) * (f64::from(count) + 4.0)
+        };
+        let seen = |x: f64, y: f64| {
+            Vector2::new((x - self.cx_px) / self.fx_px, (y - self.cy_px) / self.fy_px)
+        };
+        (0..=STEPS).all(|row| {
+            (0..=STEPS).all(|column| {
+                let point = seen(along(column, self.width), along(row, self.height));
+                self.distortion.undistort(point).is_some()
+            })
+        })
     }
 
     /// The point of the camera frame \[m\] seen at `point` with depth `depth_m` along the axis.
@@ -133,8 +245,16 @@ pub fn diagonal_intersection(corners: &[ImagePoint; 4]) -> Option<ImagePoint> {
 mod tests {
     use super::*;
 
-    const CAMERA: Camera =
-        Camera { width: 512, height: 512, fx_px: 470.0, fy_px: 470.0, cx_px: 255.5, cy_px: 255.5 };
+    const CAMERA: Camera = Camera {
+        width: 512,
+        height: 512,
+        fx_px: 470.0,
+        fy_px: 470.0,
+        cx_px: 255.5,
+        cy_px: 255.5,
+        distortion: Distortion::NONE,
+    };
+    const BENT: Distortion = Distortion { k1: -0.21, k2: 0.08, p1: 0.002, p2: -0.003, k3: -0.01 };
 
     #[test]
     fn the_optical_axis_meets_the_middle_of_the_sensor_between_four_pixels() {
@@ -161,6 +281,39 @@ mod tests {
         assert_eq!(ImagePoint::from_film(2.0, 6.0, 4), ImagePoint::new(0.0, 1.0));
         let [x, y] = ImagePoint::new(0.0, 1.0).to_film(4);
         assert_eq!(ImagePoint::new(x, y), ImagePoint::new(2.0, 6.0));
+    }
+
+    #[test]
+    fn a_lens_bends_as_opencv_says() {
+        // cv2.projectPoints (OpenCV 5.0.0) of (0.3, -0.2, 1) with these coefficients and intrinsics.
+        let camera = Camera { distortion: BENT, ..CAMERA };
+        let point = camera.project(&Point3::new(0.3, -0.2, 1.0)).expect("in front");
+        assert!((point.x - 392.288_334_23).abs() < 1e-6, "{point:?}");
+        assert!((point.y - 164.307_777_18).abs() < 1e-6, "{point:?}");
+    }
+
+    #[test]
+    fn undistorting_undoes_distorting() {
+        for (x, y) in [(0.0, 0.0), (0.5, -0.4), (-0.6, 0.6), (0.01, 0.55)] {
+            let point = Vector2::new(x, y);
+            let back = BENT.undistort(BENT.distort(point)).expect("one to one");
+            assert!((back - point).norm() < 1e-13, "{point:?} {back:?}");
+            let step = 1e-6;
+            for (axis, column) in [Vector2::x(), Vector2::y()].into_iter().zip(0..) {
+                let ahead = BENT.distort(point + step * axis);
+                let slope = (ahead - BENT.distort(point - step * axis)) / (2.0 * step);
+                assert!((slope - BENT.jacobian(point).column(column)).norm() < 1e-8);
+            }
+        }
+    }
+
+    #[test]
+    fn a_lens_that_folds_the_image_is_told_from_one_that_does_not() {
+        let with = |k1| Camera { distortion: Distortion { k1, ..Distortion::NONE }, ..CAMERA };
+        assert!(with(-0.2).is_one_to_one());
+        // Its farthest point is seen 0.70 from the axis, the frame's corners are 0.78 from it.
+        assert!(!with(-0.3).is_one_to_one());
+        assert!(with(2.0).is_one_to_one());
     }
 
     #[test]

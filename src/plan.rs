@@ -12,7 +12,7 @@ use crate::error::{Error, Result};
 use crate::grasp::{ESTIMATORS, FaceSelector, GraspEstimator, SELECTORS};
 use crate::refine::{REFINERS, Refiner};
 use crate::registry::{self, Entry};
-use crate::sensor::CameraModel;
+use crate::sensor::{CameraModel, Photographer};
 use crate::target::{EXTRACTORS, TargetExtractor};
 
 /// What to measure, read and checked.
@@ -21,10 +21,10 @@ pub struct Plan {
     pub name: String,
     /// One line for `cornerbench list`.
     pub summary: String,
-    /// Name of the camera model.
+    /// Name of the camera.
     pub camera: String,
-    /// The camera model.
-    pub camera_model: CameraModel,
+    /// The camera.
+    pub photographer: Photographer,
     /// How far a detection may lie from the corner it is matched to \[px\].
     pub gate_px: f64,
     /// The pipelines, in the order of the file.
@@ -183,7 +183,7 @@ impl Plan {
     pub fn read(recipes: &Path, name: &str) -> Result<Self> {
         let (place, table) = read_table(recipes, "plans", name)?;
         let file: PlanFile = registry::parameters(&place, &table)?;
-        let camera_model = read_camera(recipes, &file.camera)?;
+        let photographer = read_camera(recipes, &file.camera)?;
         let pipelines = file
             .pipelines
             .iter()
@@ -203,7 +203,7 @@ impl Plan {
             name: name.to_owned(),
             summary: file.summary,
             camera: file.camera,
-            camera_model,
+            photographer,
             gate_px: file.gate_px,
             pipelines,
         })
@@ -275,13 +275,16 @@ fn stage<T: ?Sized>(
     Ok(Stage { name: entry.name, version: entry.version, parameters, algorithm })
 }
 
-/// Reads `cameras/NAME.toml` in the folder of recipes.
+/// Reads `cameras/NAME.toml` in the folder of recipes, and the files it names.
 ///
 /// # Errors
 /// For an unknown name or key, or a value out of range: with file, key, found, allowed.
-pub fn read_camera(recipes: &Path, name: &str) -> Result<CameraModel> {
+pub fn read_camera(recipes: &Path, name: &str) -> Result<Photographer> {
     let (place, table) = read_table(recipes, "cameras", name)?;
-    registry::parameters(&place, &table)
+    let model: CameraModel = registry::parameters(&place, &table)?;
+    model.check(&place)?;
+    let psf = model.read_psf(&recipes.join("cameras"))?;
+    Ok(Photographer::new(name, &model, psf.as_ref()))
 }
 
 /// The names of the recipes in a folder, sorted.

@@ -48,37 +48,77 @@ pub fn find<'a, T: ?Sized>(
     })
 }
 
-/// Reads a struct of parameters from a table. Keys that `P` does not have are errors that name the
-/// nearest one it has; missing keys take the values of `P::default()`. Numbers are finite and lie in
-/// the range that `P`'s schema gives, `#[schemars(range(...))]`.
+/// Reads a struct of parameters from a table. Keys that `P`'s schema does not have are errors that
+/// name the nearest one it has, in tables within the table, too; missing keys take the values of
+/// `P::default()`. Numbers are finite and lie in the range of the schema, `#[schemars(range(...))]`.
 ///
 /// # Errors
 /// [`Error::UnknownName`] for an unknown key, [`Error::OutOfRange`] for a value out of range,
 /// [`Error::Other`] for one of the wrong type.
 pub fn parameters<P>(place: &str, table: &Table) -> Result<P>
 where
-    P: Default + Serialize + DeserializeOwned + JsonSchema,
+    P: DeserializeOwned + JsonSchema,
 {
-    let defaults = Table::try_from(P::default())
-        .map_err(|error| Error::Other(format!("{place}: defaults: {error}")))?;
-    reject_unknown_keys(place, "", table, &defaults)?;
+    let schema = schema::<P>();
+    check_keys(place, "", table, schema.as_value())?;
     let parameters =
         serde_path_to_error::deserialize(Value::Table(table.clone())).map_err(|error| {
             let problem = error.inner().to_string();
             Error::Other(format!("{place}: {} {}", error.path(), problem.trim_end()))
         })?;
-    check_ranges(place, table, &schema::<P>())?;
+    check_ranges(place, "", table, schema.as_value())?;
     Ok(parameters)
 }
 
-fn check_ranges(place: &str, table: &Table, schema: &Schema) -> Result<()> {
+/// The schema of a table's keys, behind "or null"; `None` where somebody else checks them.
+fn keys_of(schema: &serde_json::Value) -> Option<&serde_json::Map<String, serde_json::Value>> {
+    let alternatives = schema.get("anyOf").and_then(|any| any.as_array());
+    let mut schemas = alternatives.into_iter().flatten().chain([schema]);
+    schemas.find_map(|schema| schema.get("properties")?.as_object())
+}
+
+fn dotted(path: &str, key: &str) -> String {
+    if path.is_empty() { key.to_owned() } else { format!("{path}.{key}") }
+}
+
+fn check_keys(place: &str, path: &str, table: &Table, schema: &serde_json::Value) -> Result<()> {
+    let none = serde_json::Map::new();
+    // A struct without fields has no properties; a table whose keys somebody else checks neither.
+    let keys = match keys_of(schema) {
+        Some(keys) => keys,
+        None if path.is_empty() => &none,
+        None => return Ok(()),
+    };
     for (key, value) in table {
+        let Some(schema) = keys.get(key) else {
+            return Err(Error::UnknownName {
+                place: place.to_owned(),
+                kind: if path.is_empty() { "key".into() } else { format!("key of {path}") },
+                found: key.clone(),
+                known: keys.keys().cloned().collect(),
+            });
+        };
+        if let Value::Table(inner) = value {
+            check_keys(place, &dotted(path, key), inner, schema)?;
+        }
+    }
+    Ok(())
+}
+
+fn check_ranges(place: &str, path: &str, table: &Table, schema: &serde_json::Value) -> Result<()> {
+    let Some(keys) = keys_of(schema) else { return Ok(()) };
+    for (key, value) in table {
+        let Some(schema) = keys.get(key) else { continue };
         let number = match value {
             Value::Integer(number) => *number as f64,
             Value::Float(number) => *number,
+            Value::Table(inner) => {
+                check_ranges(place, &dotted(path, key), inner, schema)?;
+                continue;
+            }
             _ => continue,
         };
-        let bound = |name: &str| schema.pointer(&format!("/properties/{key}/{name}"))?.as_f64();
+        let bound = |name: &str| schema.get(name)?.as_f64();
         let lower = match (bound("minimum"), bound("exclusiveMinimum")) {
             (Some(least), _) => Bound::Included(least),
             (None, below) => Bound::Excluded(below.unwrap_or(f64::NEG_INFINITY)),
@@ -87,7 +127,7 @@ fn check_ranges(place: &str, table: &Table, schema: &Schema) -> Result<()> {
             (None, Some(most)) => Bound::Included(most),
             (above, _) => Bound::Excluded(above.unwrap_or(f64::INFINITY)),
         };
-        in_range(place, key, number, (lower, upper))?;
+        in_range(place, &dotted(path, key), number, (lower, upper))?;
     }
     Ok(())
 }
@@ -119,27 +159,6 @@ fn for_people(schema: &mut Schema) {
     if let Some(serde_json::Value::String(text)) = schema.get_mut("description") {
         *text = text.replace(['\\', '`'], "").replace('\n', " ");
     }
-}
-
-fn reject_unknown_keys(place: &str, path: &str, table: &Table, known: &Table) -> Result<()> {
-    for (key, value) in table {
-        match (known.get(key), value) {
-            (None, _) => {
-                return Err(Error::UnknownName {
-                    place: place.to_owned(),
-                    kind: if path.is_empty() { "key".into() } else { format!("key of {path}") },
-                    found: key.clone(),
-                    known: known.keys().cloned().collect(),
-                });
-            }
-            // An empty default table is one whose keys somebody else checks.
-            (Some(Value::Table(inner_known)), Value::Table(inner)) if !inner_known.is_empty() => {
-                reject_unknown_keys(place, key, inner, inner_known)?;
-            }
-            _ => {}
-        }
-    }
-    Ok(())
 }
 
 /// The default values of a struct of parameters, as a table.

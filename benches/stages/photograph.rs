@@ -31,7 +31,7 @@ pub fn photograph() -> Exposure {
     };
     Exposure::new(
         [channel(90, 240.0, 180.0), channel(95, 60.0, 10.0), channel(80, 55.0, 12.0)],
-        Encoding { bit_depth: 8, transfer: Transfer::Srgb },
+        Encoding { bit_depth: 8, transfer: Transfer::Srgb, black_dn: 0.0 },
     )
 }
 

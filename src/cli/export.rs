@@ -27,11 +27,11 @@ pub(super) struct Options {
 
 pub(super) fn run(global: &Global, options: &Options) -> Result<Ended> {
     let dataset = Dataset::open(&options.dataset)?;
-    let camera_model = read_camera(&project::recipes(global)?, &options.camera)?;
+    let photographer = read_camera(&project::recipes(global)?, &options.camera)?;
     let request = Request {
         format: options.format,
         camera: &options.camera,
-        camera_model: &camera_model,
+        photographer: &photographer,
         command: &command_line(),
     };
     let output = options

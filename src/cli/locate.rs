@@ -71,7 +71,7 @@ pub(super) fn run(global: &Global, options: &Options) -> Result<Ended> {
     Ok(Ended::Well)
 }
 
-fn parse_point(text: &str) -> std::result::Result<ImagePoint, String> {
+pub(super) fn parse_point(text: &str) -> std::result::Result<ImagePoint, String> {
     let numbers: Vec<f64> = text
         .split(',')
         .map(|part| part.trim().parse::<f64>())

@@ -3,6 +3,7 @@
 mod environment;
 mod estimate;
 mod export;
+mod expose;
 mod interrupt;
 mod list;
 mod locate;
@@ -76,6 +77,8 @@ enum Command {
     Report(report::Options),
     /// Check a dataset's integrity, and that renderer, reader and projection agree to 0.01 px.
     Verify(verify::Options),
+    /// Photograph a dataset by a camera: pictures to look at or to use elsewhere.
+    Expose(expose::Options),
     /// Export a dataset to another format: BOP or COCO keypoints.
     Export(export::Options),
     /// Refine points of, or find corners in, a picture of one's own.
@@ -125,6 +128,7 @@ fn run(arguments: &Arguments) -> Result<Ended> {
         Command::Measure(options) => measure::run(global, options),
         Command::Report(options) => report::run(global, options),
         Command::Verify(options) => verify::run(global, options),
+        Command::Expose(options) => expose::run(global, options),
         Command::Export(options) => export::run(global, options),
         Command::Locate(options) => locate::run(global, options),
         Command::List(options) => list::run(global, options),

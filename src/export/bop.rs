@@ -323,6 +323,7 @@ fn symmetries(kind: TargetKind, size_m: &[f64; 3]) -> Vec<[f64; 16]> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::Distortion;
 
     #[test]
     fn a_box_has_three_half_turns_and_more_where_sides_are_equal() {
@@ -372,8 +373,15 @@ mod tests {
 
     #[test]
     fn what_lies_outside_the_image_counts_as_far_as_one_image_away() {
-        let camera =
-            Camera { width: 10, height: 10, fx_px: 1.0, fy_px: 1.0, cx_px: 0.0, cy_px: 0.0 };
+        let camera = Camera {
+            width: 10,
+            height: 10,
+            fx_px: 1.0,
+            fy_px: 1.0,
+            cx_px: 0.0,
+            cy_px: 0.0,
+            distortion: Distortion::NONE,
+        };
         let rectangle = |x: [f64; 2], y: [f64; 2]| {
             [0, 1, 2, 3].map(|corner| Point3::new(x[corner & 1], y[corner >> 1], 1.0))
         };
@@ -393,7 +401,15 @@ mod tests {
 
     #[test]
     fn what_is_visible_belongs_to_the_whole() {
-        let camera = Camera { width: 4, height: 4, fx_px: 1.0, fy_px: 1.0, cx_px: 0.0, cy_px: 0.0 };
+        let camera = Camera {
+            width: 4,
+            height: 4,
+            fx_px: 1.0,
+            fy_px: 1.0,
+            cx_px: 0.0,
+            cy_px: 0.0,
+            distortion: Distortion::NONE,
+        };
         let visible = Plane::from_fn(4, 4, |x, y| x == 3 && y == 1);
         let whole =
             outline(&[Point3::new(1.0, 1.0, 1.0); 2], &camera, &visible).crop(frame_of(&visible));

@@ -16,7 +16,7 @@ use crate::error::{Error, Result};
 use crate::files::{write_json, write_whole};
 use crate::image::Plane;
 use crate::scene::{Dataset, Description, Scene};
-use crate::sensor::{CameraModel, expose};
+use crate::sensor::{CameraModel, Photographer};
 
 /// A format to export to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, clap::ValueEnum)]
@@ -46,7 +46,7 @@ pub struct Request<'a> {
     /// Name of the camera.
     pub camera: &'a str,
     /// The camera.
-    pub camera_model: &'a CameraModel,
+    pub photographer: &'a Photographer,
     /// The command line, for the record.
     pub command: &'a str,
 }
@@ -117,12 +117,19 @@ pub fn export(
     on_scene: &mut dyn FnMut(&str, Option<&Error>),
 ) -> Result<Exported> {
     refuse_foreign(output)?;
+    if !request.photographer.model().optics.distortion.is_none() {
+        return Err(Error::Other(format!(
+            "camera {} distorts, and {} has no place for that; choose another with --camera",
+            request.camera,
+            request.format.name()
+        )));
+    }
     let mut exported = Exported {
         cornerbench_version: env!("CARGO_PKG_VERSION").to_owned(),
         format: request.format,
         suite: dataset.suite().to_owned(),
         camera: request.camera.to_owned(),
-        camera_model: request.camera_model.clone(),
+        camera_model: request.photographer.model().clone(),
         command: request.command.to_owned(),
         scenes: Vec::new(),
         unreadable: Vec::new(),
@@ -135,8 +142,14 @@ pub fn export(
         };
         for (place, name) in dataset.scenes().enumerate() {
             match read(dataset, name) {
-                Ok(scene) => {
-                    let picture = expose(&scene.film, request.camera_model).to_picture();
+                Ok(mut scene) => {
+                    let film_camera = scene.description.camera;
+                    let shot = [dataset.suite(), &scene.name, "0"];
+                    let photograph =
+                        request.photographer.take(&scene.film, &film_camera, [0.0, 0.0], &shot)?;
+                    scene.truth = scene.truth.seen_by(&film_camera, &photograph.camera);
+                    scene.description.camera = photograph.camera;
+                    let picture = photograph.exposure.to_picture();
                     writer.add(place, &scene, &picture)?;
                     exported.scenes.push(ExportedScene {
                         place,

@@ -303,7 +303,8 @@ mod tests {
         let mask = Plane::from_fn(64, 64, |x, y| (12..44).contains(&x) && (16..52).contains(&y));
         let rgb =
             [red, 20.0, 20.0].map(|dn| mask.map(|of_target| if of_target { dn } else { 120.0 }));
-        let exposure = Exposure::new(rgb, Encoding { bit_depth: 8, transfer: Transfer::Srgb });
+        let exposure =
+            Exposure::new(rgb, Encoding { bit_depth: 8, transfer: Transfer::Srgb, black_dn: 0.0 });
         let quadrilateral =
             [[12.0, 16.0], [43.0, 16.0], [43.0, 51.0], [12.0, 51.0]].map(ImagePoint::from);
         (exposure, TargetRegion { mask, range, quadrilateral, pixels: 32 * 36 })

@@ -60,7 +60,7 @@ mod tests {
     #[test]
     fn a_seed_is_returned_as_it_is() {
         let plane = Plane::filled(4, 4, 0.0);
-        let encoding = Encoding { bit_depth: 8, transfer: Transfer::Srgb };
+        let encoding = Encoding { bit_depth: 8, transfer: Transfer::Srgb, black_dn: 0.0 };
         let exposure = Exposure::new([plane.clone(), plane.clone(), plane], encoding);
         let seed = Detection { point: ImagePoint::new(2.0, 1.0), response: 7.0 };
         let corners = Unrefined::default().refine(&exposure, &[seed]);

@@ -1,5 +1,6 @@
 //! Executes a plan over a dataset: every scene photographed, every pipeline run, every answer scored.
 
+mod photographs;
 mod pictures;
 mod score;
 
@@ -13,7 +14,9 @@ use crate::files::{replace_folder, write_json, write_whole};
 use crate::plan::{Pipeline, Plan};
 use crate::record::{RECORD_VERSION, Record, RunDescription, kind, status, write_records};
 use crate::scene::{Dataset, Scene, Split};
-use crate::sensor::{Exposure, RangeImage, Rig, expose};
+use crate::sensor::{Exposure, RangeImage, Rig};
+
+pub use photographs::{Photographs, Wanted, photograph};
 
 /// What a run did.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -78,7 +81,7 @@ pub fn measure(
         cornerbench_version: env!("CARGO_PKG_VERSION").to_owned(),
         plan: plan.name.clone(),
         pipelines: plan.pipelines.iter().map(Pipeline::description).collect(),
-        camera_model: plan.camera_model.clone(),
+        camera_model: plan.photographer.model().clone(),
         suite: dataset.suite().to_owned(),
         camera: plan.camera.clone(),
         gate_px: plan.gate_px,
@@ -97,11 +100,13 @@ fn measure_scene(
     scene: &Scene,
     folder: &Path,
 ) -> Result<Vec<Record>> {
-    let exposure = expose(&scene.film, &plan.camera_model);
-    let rig = Rig {
-        camera: scene.description.camera,
-        world_from_camera: scene.description.world_from_camera,
-    };
+    let film_camera = scene.description.camera;
+    let name = [dataset.suite(), &scene.name, "0"];
+    let photograph = plan.photographer.take(&scene.film, &film_camera, [0.0, 0.0], &name)?;
+    let truth = scene.truth.seen_by(&film_camera, &photograph.camera);
+    let exposure = photograph.exposure;
+    let rig =
+        Rig { camera: photograph.camera, world_from_camera: scene.description.world_from_camera };
     let range = RangeImage {
         camera: scene.description.range_camera,
         world_from_range: scene.description.world_from_range,
@@ -114,8 +119,8 @@ fn measure_scene(
     for pipeline in &plan.pipelines {
         let answers = Answers::of(pipeline, &exposure, &rig, &range);
         let template = template(plan, pipeline, dataset, scene);
-        records.extend(score::records(&template, &scene.truth, &answers, &rig, plan.gate_px));
-        let sketch = score::sketch(scene, &answers, depth_range_m);
+        records.extend(score::records(&template, &truth, &answers, &rig, plan.gate_px));
+        let sketch = score::sketch(scene, &truth, &answers, depth_range_m);
         if let Ok(region) = &answers.region {
             let path = folder.join(format!("{}-target.png", pipeline.name));
             pictures::write_target(&path, &exposure, region)?;

@@ -111,8 +111,12 @@ fn grasp_record(template: &Record, truth: &Truth, answers: &Answers, rig: &Rig) 
 }
 
 /// What a report draws of the scene and the answers, beside the records.
-pub(super) fn sketch(scene: &Scene, answers: &Answers, depth_range_m: [f64; 2]) -> Sketch {
-    let truth = &scene.truth;
+pub(super) fn sketch(
+    scene: &Scene,
+    truth: &Truth,
+    answers: &Answers,
+    depth_range_m: [f64; 2],
+) -> Sketch {
     let region = answers.region.as_ref().ok();
     let face = answers.face.as_ref().and_then(|face| face.as_ref().ok());
     let meant = face

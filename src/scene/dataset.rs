@@ -294,7 +294,9 @@ fn check_camera(path: &Path, key: &str, camera: &Camera) -> Result<()> {
     let sides = [camera.width, camera.height];
     let focal = [camera.fx_px, camera.fy_px];
     let centre = [camera.cx_px, camera.cy_px];
-    let right = sides.iter().all(|side| (1..=16384).contains(side))
+    // A film is a pinhole's: lenses belong to the cameras that photograph it.
+    let right = camera.distortion.is_none()
+        && sides.iter().all(|side| (1..=16384).contains(side))
         && focal.iter().all(|f| f.is_finite() && *f > 0.0)
         && centre.iter().all(|c| c.is_finite());
     if right {

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::geometry::ImagePoint;
+use crate::geometry::{Camera, ImagePoint};
 
 /// Corners, edges and faces of the target, as projected and as seen.
 #[derive(Clone, Debug, Deserialize)]
@@ -237,6 +237,44 @@ pub struct TrueFace {
 }
 
 impl Truth {
+    /// The same truth in the image of another camera at the same place, which may distort: all places
+    /// and directions in the image. A corner beyond its frame is outside. Places are those of `film`'s
+    /// image now.
+    #[must_use]
+    pub fn seen_by(&self, film: &Camera, camera: &Camera) -> Self {
+        // A ray has depth 1, so it has an image.
+        let moved =
+            |point: ImagePoint| camera.project(&film.unproject(point, 1.0)).unwrap_or(point);
+        let mut seen = self.clone();
+        for corner in &mut seen.corners {
+            let (from, to) = (corner.image_point_px, moved(corner.image_point_px));
+            for edge in &mut corner.edges {
+                let along = |length_px: f64| {
+                    let [x, y] = edge.direction;
+                    moved(ImagePoint::new(from.x + length_px * x, from.y + length_px * y))
+                };
+                let near = along(1e-3);
+                let distance_px = near.distance_px(to).max(f64::MIN_POSITIVE);
+                let lengths = [edge.length_px, edge.visible_length_px]
+                    .map(|length_px| along(length_px).distance_px(to));
+                edge.direction = [(near.x - to.x) / distance_px, (near.y - to.y) / distance_px];
+                [edge.length_px, edge.visible_length_px] = lengths;
+            }
+            corner.image_point_px = to;
+            corner.apex_image_point_px = corner.apex_image_point_px.map(moved);
+            if corner.visibility == Visibility::Visible && !camera.contains(to) {
+                corner.visibility = Visibility::Outside;
+            }
+        }
+        for face in &mut seen.faces {
+            face.centre_image_point_px = moved(face.centre_image_point_px);
+        }
+        for junction in &mut seen.false_junctions {
+            junction.image_point_px = moved(junction.image_point_px);
+        }
+        seen
+    }
+
     /// The projected corners of a face \[px\].
     pub fn face_corners(&self, face: &TrueFace) -> [ImagePoint; 4] {
         face.corners.map(|index| self.corners[index].image_point_px)

@@ -1,47 +1,21 @@
-//! One photograph: film radiance integrated over pixels, encoded, quantised.
+//! One photograph as an algorithm may see it.
 
 use std::sync::OnceLock;
 
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
-
 use crate::geometry::{Camera, Pose};
 use crate::image::Plane;
-use crate::scene::Film;
-use crate::sensor::Transfer;
-
-/// How a camera turns radiance into digital numbers.
-///
-/// The ideal camera of the paper's simulator: no noise, no optics but the pixel's own area.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(default)]
-#[schemars(title = "Camera")]
-pub struct CameraModel {
-    /// Encoded full scale per unit of radiance.
-    #[schemars(range(min = 1e-6, max = 1e6))]
-    pub gain: f64,
-    /// Bits per sample.
-    #[schemars(range(min = 8, max = 16))]
-    pub bit_depth: u8,
-    /// The curve from linear light to encoded value.
-    pub transfer: Transfer,
-    /// One line for `cornerbench list`.
-    pub summary: String,
-}
-
-impl Default for CameraModel {
-    fn default() -> Self {
-        Self { gain: 1.0, bit_depth: 8, transfer: Transfer::Srgb, summary: String::new() }
-    }
-}
+use crate::sensor::{Sensor, Transfer};
 
 /// How the samples of an exposure are to be read.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Encoding {
-    /// Bits per sample; samples are whole numbers from 0 to 2^`bit_depth` - 1.
+    /// Bits per sample: full scale is 2^`bit_depth` - 1. Samples are whole numbers, unless the camera
+    /// does not round.
     pub bit_depth: u8,
     /// The curve from linear light to encoded value.
     pub transfer: Transfer,
+    /// The sample without light.
+    pub black_dn: f64,
 }
 
 impl Encoding {
@@ -51,24 +25,55 @@ impl Encoding {
     }
 }
 
+/// What a data sheet says of the noise in an exposure.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NoiseModel {
+    /// The sensor.
+    pub sensor: Sensor,
+    /// Light of full scale, before the curve, per raw digital number above black, in each channel.
+    pub light_per_dn: [f64; 3],
+}
+
 /// A photograph as an algorithm may see it.
 #[derive(Clone, Debug)]
 pub struct Exposure {
-    /// Red, green and blue \[DN\], whole numbers.
+    /// Red, green and blue \[DN\]; equal where the camera sees no colour, or gives the raw mosaic.
     rgb: [Plane<f32>; 3],
     encoding: Encoding,
+    saturated: Plane<bool>,
+    noise: Option<NoiseModel>,
     luma: OnceLock<Plane<f32>>,
 }
 
 impl Exposure {
-    /// An exposure of three equally large planes of digital numbers.
+    /// An exposure of three equally large planes of digital numbers. Where one of them is at full
+    /// scale the pixel is saturated.
     ///
     /// # Panics
     /// When the planes differ in size: a mistake of the caller's code.
     pub fn new(rgb: [Plane<f32>; 3], encoding: Encoding) -> Self {
         let size = |plane: &Plane<f32>| (plane.width(), plane.height());
         assert!(size(&rgb[0]) == size(&rgb[1]) && size(&rgb[0]) == size(&rgb[2]));
-        Self { rgb, encoding, luma: OnceLock::new() }
+        #[allow(clippy::cast_possible_truncation, reason = "at most 65535")]
+        let full = encoding.full_scale_dn() as f32;
+        let [red, green, blue] = rgb.each_ref().map(Plane::samples);
+        let saturated = red
+            .iter()
+            .zip(green)
+            .zip(blue)
+            .map(|((red, green), blue)| red.max(*green).max(*blue) >= full)
+            .collect();
+        let saturated = Plane::from_samples(rgb[0].width(), rgb[0].height(), saturated);
+        Self { rgb, encoding, saturated, noise: None, luma: OnceLock::new() }
+    }
+
+    /// The same with what the camera knows: which pixels are saturated, whatever their samples say,
+    /// and its noise.
+    #[must_use]
+    pub(super) fn with(mut self, saturated: Plane<bool>, noise: Option<NoiseModel>) -> Self {
+        self.saturated = saturated;
+        self.noise = noise;
+        self
     }
 
     /// An 8-bit sRGB exposure of a colour picture.
@@ -81,7 +86,7 @@ impl Exposure {
                 picture.pixels().map(|p| f32::from(p.0[c])).collect(),
             )
         };
-        let encoding = Encoding { bit_depth: 8, transfer: Transfer::Srgb };
+        let encoding = Encoding { bit_depth: 8, transfer: Transfer::Srgb, black_dn: 0.0 };
         Self::new([channel(0), channel(1), channel(2)], encoding)
     }
 
@@ -109,7 +114,7 @@ impl Exposure {
         self.rgb[0].height()
     }
 
-    /// Red, green and blue \[DN\].
+    /// Red, green and blue \[DN\]; equal where the camera sees no colour, or gives the raw mosaic.
     pub fn rgb(&self) -> &[Plane<f32>; 3] {
         &self.rgb
     }
@@ -117,6 +122,32 @@ impl Exposure {
     /// How to read the samples.
     pub fn encoding(&self) -> Encoding {
         self.encoding
+    }
+
+    /// Where samples are saturated, or made of saturated ones: they carry no information.
+    pub fn saturated(&self) -> &Plane<bool> {
+        &self.saturated
+    }
+
+    /// What a data sheet says of its noise; `None` where there is none, or nothing is known of it.
+    pub fn noise(&self) -> Option<&NoiseModel> {
+        self.noise.as_ref()
+    }
+
+    /// Variance of a sample of a channel \[DN^2\], by the noise model and the rounding, from its
+    /// expected value \[DN\]. Of colours that are made of a mosaic it is that of a sample of the
+    /// channel's own filter: what is made of several varies less, and with its neighbours.
+    pub fn variance_dn2(&self, channel: usize, expected_dn: f64) -> f64 {
+        let full = self.encoding.full_scale_dn();
+        let rounding = 1.0 / 12.0;
+        let Some(noise) = &self.noise else { return rounding };
+        let black = self.encoding.black_dn;
+        let share = ((expected_dn - black) / (full - black)).clamp(0.0, 1.0);
+        let light = self.encoding.transfer.decode(share);
+        let scale = noise.light_per_dn[channel];
+        let raw_dn = noise.sensor.black_level_dn + light / scale;
+        let slope = self.encoding.transfer.slope(light) * (full - black) * scale;
+        slope * slope * noise.sensor.variance_dn2(raw_dn) + rounding
     }
 
     /// Grey value \[DN\]: the encoded channels weighted by 0.299, 0.587, 0.114 (Rec. 601) and rounded
@@ -144,20 +175,4 @@ pub struct Rig {
     pub camera: Camera,
     /// Where it stands.
     pub world_from_camera: Pose,
-}
-
-/// Photographs `film`: each pixel is the mean radiance of its film cells, multiplied by the gain,
-/// clipped to \[0, 1\], encoded and rounded to the bit depth.
-pub fn expose(film: &Film, model: &CameraModel) -> Exposure {
-    let encoding = Encoding { bit_depth: model.bit_depth, transfer: model.transfer };
-    let full_scale = encoding.full_scale_dn();
-    let rgb = [0, 1, 2].map(|channel| {
-        film.binned(channel).map(|radiance| {
-            let light = (f64::from(radiance) * model.gain).clamp(0.0, 1.0);
-            #[allow(clippy::cast_possible_truncation, reason = "whole numbers below 2^16")]
-            let dn = (model.transfer.encode(light) * full_scale).round() as f32;
-            dn
-        })
-    });
-    Exposure::new(rgb, encoding)
 }

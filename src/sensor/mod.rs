@@ -1,9 +1,21 @@
 //! From radiance to what an algorithm may see: exposures and range images.
 
+mod camera_model;
+mod distort;
+mod electrons;
 mod exposure;
+mod mosaic;
+mod noise;
+mod optics;
+mod photograph;
 mod range;
 mod transfer;
 
-pub use exposure::{CameraModel, Encoding, Exposure, Rig, expose};
+pub use camera_model::{CameraModel, Colour, Curve, Output};
+pub use electrons::Sensor;
+pub use exposure::{Encoding, Exposure, NoiseModel, Rig};
+pub use mosaic::Demosaic;
+pub use optics::{GatherBuffers, Kernel, Optics};
+pub use photograph::{Photograph, PhotographBuffers, Photographer, Shot};
 pub use range::RangeImage;
 pub use transfer::Transfer;

@@ -93,7 +93,10 @@ mod tests {
                 if (2..7).contains(&x) && (3..6).contains(&y) { value } else { 50.0 }
             })
         };
-        Exposure::new(rgb.map(channel), Encoding { bit_depth, transfer: Transfer::Srgb })
+        Exposure::new(
+            rgb.map(channel),
+            Encoding { bit_depth, transfer: Transfer::Srgb, black_dn: 0.0 },
+        )
     }
 
     fn extract(exposure: &Exposure) -> Result<TargetRegion, NoTarget> {

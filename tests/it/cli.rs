@@ -73,7 +73,7 @@ fn a_plan_s_unknown_algorithm_is_named_with_the_nearest() {
 #[test]
 fn a_camera_out_of_range_is_named() {
     let outcome = with_edited("cameras/ideal.toml", "bit_depth = 8", "bit_depth = 7", "measure");
-    says(&outcome, 2, &["RECIPES/cameras/ideal.toml", "bit_depth is 7", "in [8, 16]"]);
+    says(&outcome, 2, &["RECIPES/cameras/ideal.toml", "output.bit_depth is 7", "in [8, 16]"]);
 }
 
 #[test]

@@ -25,7 +25,7 @@ fn every_column_of_the_records_is_described() {
 fn every_key_of_the_recipes_is_described() {
     let document = format_document();
     for (folder, name) in
-        [("families", "paper"), ("suites", "quick"), ("plans", "paper"), ("cameras", "ideal")]
+        [("families", "paper"), ("suites", "quick"), ("plans", "paper"), ("cameras", "webcam")]
     {
         let path = project().join("scenes").join(folder).join(format!("{name}.toml"));
         let table: toml::Table =

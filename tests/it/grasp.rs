@@ -10,7 +10,7 @@
 use std::time::{Duration, Instant};
 
 use cornerbench::detect::Detection;
-use cornerbench::geometry::{Camera, ImagePoint};
+use cornerbench::geometry::{Camera, Distortion, ImagePoint};
 use cornerbench::grasp::{self, Face, FaceSelector, NoFace};
 use cornerbench::image::{PixelRange, Plane};
 use cornerbench::refine::{Corner, RefineStatus};
@@ -29,6 +29,7 @@ const CAMERA: Camera = Camera {
     fy_px: FOCAL_PX,
     cx_px: 255.5,
     cy_px: 255.5,
+    distortion: Distortion::NONE,
 };
 
 /// SplitMix64 (Steele, Lea & Flood 2014): the same scenes on every machine.
@@ -345,7 +346,7 @@ fn paint(
             }
         }
     }
-    (Exposure::new(rgb, Encoding { bit_depth: 8, transfer: Transfer::Srgb }), seen)
+    (Exposure::new(rgb, Encoding { bit_depth: 8, transfer: Transfer::Srgb, black_dn: 0.0 }), seen)
 }
 
 /// What a detector and a refiner would find, in random order: visible vertices, up to 1.5 px too
@@ -597,7 +598,8 @@ fn two_faces(occluders: &[Shape]) -> (Exposure, TargetRegion) {
     let rgb = [0, 1, 2].map(|c| {
         Plane::from_fn(128, 128, |x, y| colour(ImagePoint::new(x as f64, y as f64))[c] as f32)
     });
-    let exposure = Exposure::new(rgb, Encoding { bit_depth: 8, transfer: Transfer::Srgb });
+    let exposure =
+        Exposure::new(rgb, Encoding { bit_depth: 8, transfer: Transfer::Srgb, black_dn: 0.0 });
     let region = red_region(&exposure).expect("red");
     (exposure, region)
 }
@@ -657,7 +659,8 @@ fn degenerate_corners_are_declined() {
 #[test]
 fn the_smallest_image_is_declined() {
     let rgb = [200.0, 20.0, 20.0].map(|dn| Plane::filled(1, 1, dn));
-    let exposure = Exposure::new(rgb, Encoding { bit_depth: 8, transfer: Transfer::Srgb });
+    let exposure =
+        Exposure::new(rgb, Encoding { bit_depth: 8, transfer: Transfer::Srgb, black_dn: 0.0 });
     let region = red_region(&exposure).expect("one pixel");
     assert_eq!(select(&(exposure, region), &[[0.0, 0.0]; 5]), Err(NoFace::TooFewCorners));
 }

@@ -1,5 +1,6 @@
 //! Every integration test, one module per kind.
 
+mod camera;
 mod cli;
 mod contract;
 mod dataset;

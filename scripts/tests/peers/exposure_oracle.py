@@ -1,0 +1,79 @@
+"""The camera model once more, in NumPy and SciPy: slow, and plain to see.
+
+`python exposure_oracle.py FILM.f32 OUT.f32 SETTINGS.json` reads the red, green and blue radiance of a
+film, and writes the light on the pixels, then the digital numbers of one photograph. It prints how
+long the photograph took [s]: the median of several.
+"""
+
+import json
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+from scipy.ndimage import correlate1d
+from scipy.special import ndtr
+
+
+def ramp(x, sigma):
+    """Return the twofold integral of a normal distribution's density."""
+    return x * ndtr(x / sigma) + sigma * np.exp(-0.5 * (x / sigma) ** 2) / np.sqrt(2.0 * np.pi)
+
+
+def weights(scale, sigma_px, fill_factor, phase_px):
+    """Return the first cell that counts, from pixel 0's first one, and the weights of cells."""
+    sigma, aperture = scale * sigma_px, scale * np.sqrt(fill_factor)
+    centre = (0.5 + phase_px) * scale
+    reach = 0.5 * aperture + 6.0 * sigma + 1.0
+    cells = np.arange(np.floor(centre - reach), np.ceil(centre + reach))
+    outer, inner = 0.5 * (1.0 + aperture), 0.5 * (1.0 - aperture)
+    x = cells + 0.5 - centre
+    found = ramp(x + outer, sigma) - ramp(x + inner, sigma)
+    found -= ramp(x - inner, sigma) - ramp(x - outer, sigma)
+    return int(cells[0]), found / found.sum()
+
+
+def light(film, settings):
+    """Return the light on the pixels, of shape (3, height, width)."""
+    scale = settings["oversampling"]
+    for axis, phase_px in ((1, settings["phase_px"][1]), (2, settings["phase_px"][0])):
+        first, found = weights(scale, settings["sigma_px"], settings["fill_factor"], phase_px)
+        before, after = -first, first + len(found) - scale
+        padding = [(0, 0)] * 3
+        padding[axis] = (max(before, 0) + len(found), max(after, 0) + len(found))
+        padded = np.pad(film, padding, mode="edge")
+        summed = correlate1d(padded, found, axis=axis, origin=-(len(found) // 2), mode="nearest")
+        start = padding[axis][0] + first
+        film = np.take(summed, range(start, start + film.shape[axis], scale), axis=axis)
+    return film
+
+
+def numbers(light_e, sensor, random):
+    """Return the digital numbers of mean electrons."""
+    light_e = light_e * (1.0 + sensor["prnu"] * random.standard_normal(light_e.shape))
+    electrons = random.poisson(np.maximum(light_e, 0.0) + sensor["dark_e"]).astype(float)
+    electrons = np.minimum(electrons, sensor["full_well_e"])
+    electrons += sensor["dsnu_e"] * random.standard_normal(light_e.shape)
+    electrons += sensor["read_noise_e"] * random.standard_normal(light_e.shape)
+    raw = np.round(sensor["black_level_dn"] + sensor["gain_dn_per_e"] * electrons)
+    return np.clip(raw, 0, 2 ** sensor["bit_depth"] - 1)
+
+
+def main():
+    """Photograph."""
+    film_file, output, settings_file = map(Path, sys.argv[1:])
+    settings = json.loads(settings_file.read_text())
+    side = settings["side_px"] * settings["oversampling"]
+    film = np.fromfile(film_file, "<f4").reshape(3, side, side).astype(float)
+    took_s = []
+    for number in range(settings["repeats"]):
+        begun_s = time.perf_counter()
+        on_pixels = light(film, settings)
+        electrons = on_pixels * np.array(settings["electrons_at_one"])[:, None, None]
+        raw = numbers(electrons, settings["sensor"], np.random.default_rng(number))
+        took_s.append(time.perf_counter() - begun_s)
+    np.stack([on_pixels, raw]).astype("<f4").tofile(output)
+    print(np.median(took_s))
+
+
+main()

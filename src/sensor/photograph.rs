@@ -1,0 +1,402 @@
+//! Taking photographs: film to light, light to electrons, electrons to a picture.
+
+use crate::error::{Error, Result};
+use crate::geometry::Camera;
+use crate::image::{PixelRange, Plane};
+use crate::scene::Film;
+use crate::sensor::distort::distorted;
+use crate::sensor::electrons::Pixels;
+use crate::sensor::mosaic::{demosaiced, filter};
+use crate::sensor::optics::{GatherBuffers, Kernel, Spread, illumination};
+use crate::sensor::transfer::Quantiser;
+use crate::sensor::{CameraModel, Colour, Demosaic, Encoding, Exposure, NoiseModel, Transfer};
+
+/// Rec. 709 luminance: what a camera that sees no colour and has no sensor makes of light.
+const LUMINANCE: [f32; 3] = [0.2126, 0.7152, 0.0722];
+
+/// A camera model made ready to take photographs.
+#[derive(Debug)]
+pub struct Photographer {
+    name: String,
+    model: CameraModel,
+    spread: Spread,
+    quantiser: Option<Quantiser>,
+}
+
+/// Which photograph.
+#[derive(Clone, Copy, Debug)]
+pub struct Shot<'a> {
+    /// The scene's name, and whatever else tells this exposure from others: names its noise.
+    pub name: &'a [&'a str],
+    /// The part of the frame that is taken; `None`: all of it.
+    pub window: Option<PixelRange>,
+}
+
+/// A photograph, and what only the scorer may know of it.
+#[derive(Clone, Debug)]
+pub struct Photograph {
+    /// What an algorithm may see.
+    pub exposure: Exposure,
+    /// The camera as it was: phase, window and distortion included. It projects truth into the
+    /// exposure.
+    pub camera: Camera,
+    /// The light on the pixels without noise, in units of radiance: one plane per channel that the
+    /// pixels see.
+    pub light: Vec<Plane<f32>>,
+}
+
+/// Memory that photographs need; kept from one to the next.
+#[derive(Debug, Default)]
+pub struct PhotographBuffers {
+    gather: GatherBuffers,
+    row: Vec<f32>,
+}
+
+impl Photographer {
+    /// Makes a camera ready. `psf` is the picture of its point spread function, if it has one.
+    pub fn new(name: &str, model: &CameraModel, psf: Option<&Plane<f32>>) -> Self {
+        let output = &model.output;
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "at most 65535")]
+        let quantiser = output.rounded.then(|| {
+            Quantiser::new(output.curve(), (2.0_f64.powi(output.bit_depth.into()) - 1.0) as u32)
+        });
+        Self {
+            name: name.to_owned(),
+            model: model.clone(),
+            spread: model.optics.spread(psf),
+            quantiser,
+        }
+    }
+
+    /// The camera's name.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// The camera's model.
+    pub fn model(&self) -> &CameraModel {
+        &self.model
+    }
+
+    /// The weights of film cells at a phase: the centre of pixel (0, 0) is at image point `phase_px`
+    /// of the film. They serve all scenes of one oversampling.
+    pub fn kernel(&self, oversampling: u32, phase_px: [f64; 2]) -> Kernel {
+        self.model.optics.kernel(oversampling, phase_px, &self.spread)
+    }
+
+    /// What the film of `camera` shows through the camera's lens; `None` where it does not distort.
+    ///
+    /// # Errors
+    /// When the distortion folds the image of this camera.
+    pub fn through_lens(&self, film: &Film, camera: &Camera) -> Result<Option<Film>> {
+        let distortion = &self.model.optics.distortion;
+        if distortion.is_none() {
+            return Ok(None);
+        }
+        if !(Camera { distortion: *distortion, ..*camera }).is_one_to_one() {
+            return Err(Error::OutOfRange {
+                place: format!("camera {}", self.name),
+                key: "optics.distortion".into(),
+                found: format!("{distortion:?}"),
+                allowed: format!(
+                    "such that no two points of a {} x {} px image with focal length {:.1} px are \
+                     seen at one place",
+                    camera.width, camera.height, camera.fx_px
+                ),
+            });
+        }
+        Ok(Some(distorted(film, camera, distortion)))
+    }
+
+    /// Takes a photograph of `camera`'s film through the lens, whole, at a phase.
+    ///
+    /// # Errors
+    /// When the distortion folds the image of this camera.
+    pub fn take(
+        &self,
+        film: &Film,
+        camera: &Camera,
+        phase_px: [f64; 2],
+        name: &[&str],
+    ) -> Result<Photograph> {
+        let bent = self.through_lens(film, camera)?;
+        let kernel = self.kernel(film.oversampling, phase_px);
+        let shot = Shot { name, window: None };
+        let film = bent.as_ref().unwrap_or(film);
+        Ok(self.expose(film, camera, &kernel, &shot, &mut PhotographBuffers::default()))
+    }
+
+    /// Takes a photograph of a film, which was taken through the camera's lens if it distorts.
+    pub fn expose(
+        &self,
+        film: &Film,
+        camera: &Camera,
+        kernel: &Kernel,
+        shot: &Shot,
+        buffers: &mut PhotographBuffers,
+    ) -> Photograph {
+        let (width, height) = (camera.width as usize, camera.height as usize);
+        let whole = PixelRange { x0: 0, y0: 0, x1: width, y1: height };
+        let wanted = shot.window.unwrap_or(whole);
+        // Colours near the window's border are made of samples beyond it.
+        let reach =
+            if self.model.colour == Colour::Rggb { self.model.output.demosaic.reach() } else { 0 };
+        let window = wanted.grown(reach, width, height);
+        let mut light = self.light(film, [width, height], kernel, window, buffers);
+        let mut samples = light.clone();
+        let full = self.full_light();
+        let mut saturated = Plane::filled(window.width(), window.height(), false);
+        for (channel, plane) in samples.iter_mut().enumerate() {
+            self.digitise(channel, plane, window, width, shot, buffers);
+            for (saturated, &sample) in saturated.samples_mut().iter_mut().zip(plane.samples()) {
+                *saturated |= sample >= full[channel];
+            }
+        }
+        let inner = PixelRange {
+            x0: wanted.x0 - window.x0,
+            y0: wanted.y0 - window.y0,
+            x1: wanted.x1 - window.x0,
+            y1: wanted.y1 - window.y0,
+        };
+        let rgb = self.pictured(samples, window, inner);
+        let saturated = if reach > 0 { dilated(&saturated, reach) } else { saturated };
+        let saturated = if inner.width() == window.width() && inner.height() == window.height() {
+            saturated
+        } else {
+            light = light.iter().map(|plane| plane.crop(inner)).collect();
+            saturated.crop(inner)
+        };
+        let encoding = Encoding {
+            bit_depth: self.model.output.bit_depth,
+            transfer: self.model.output.curve(),
+            black_dn: self.model.output.black_dn,
+        };
+        let [phase_x, phase_y] = kernel.phase_px();
+        #[allow(clippy::cast_possible_truncation, reason = "no larger than the camera's")]
+        let camera = Camera {
+            width: wanted.width() as u32,
+            height: wanted.height() as u32,
+            cx_px: camera.cx_px - phase_x - wanted.x0 as f64,
+            cy_px: camera.cy_px - phase_y - wanted.y0 as f64,
+            distortion: self.model.optics.distortion,
+            ..*camera
+        };
+        Photograph {
+            exposure: Exposure::new(rgb, encoding).with(saturated, self.noise()),
+            camera,
+            light,
+        }
+    }
+
+    /// The light on the pixels in each channel that they see \[radiance\].
+    fn light(
+        &self,
+        film: &Film,
+        [width, height]: [usize; 2],
+        kernel: &Kernel,
+        window: PixelRange,
+        buffers: &mut PhotographBuffers,
+    ) -> Vec<Plane<f32>> {
+        let mut planes: Vec<Plane<f32>> = film
+            .radiance
+            .iter()
+            .map(|radiance| {
+                let mut light = Plane::filled(window.width(), window.height(), 0.0);
+                kernel.gather(radiance, window, &mut buffers.gather, &mut light);
+                light
+            })
+            .collect();
+        let corner = self.model.optics.corner_illumination;
+        if corner < 1.0 {
+            let share = illumination(corner, width, height);
+            for plane in &mut planes {
+                for y in 0..window.height() {
+                    for (x, light) in plane.row_mut(y).iter_mut().enumerate() {
+                        *light *= share(window.x0 + x, window.y0 + y);
+                    }
+                }
+            }
+        }
+        match self.model.colour {
+            Colour::Rgb => planes,
+            Colour::Mono => {
+                let weights = self.mono_weights();
+                let [red, green, blue] = [0, 1, 2].map(|c: usize| planes[c].samples());
+                let sums = red
+                    .iter()
+                    .zip(green)
+                    .zip(blue)
+                    .map(|((r, g), b)| weights[0] * r + weights[1] * g + weights[2] * b)
+                    .collect();
+                vec![Plane::from_samples(window.width(), window.height(), sums)]
+            }
+            Colour::Rggb => vec![Plane::from_fn(window.width(), window.height(), |x, y| {
+                planes[filter(window.x0 + x, window.y0 + y)].at(x, y)
+            })],
+        }
+    }
+
+    /// What red, green and blue light count in a pixel that sees all as one; they sum to 1.
+    fn mono_weights(&self) -> [f32; 3] {
+        let Some(sensor) = &self.model.sensor else { return LUMINANCE };
+        let electrons = sensor.electrons_at_one();
+        let sum: f64 = electrons.iter().sum();
+        #[allow(clippy::cast_possible_truncation, reason = "in (0, 1)")]
+        electrons.map(|value| (value / sum) as f32)
+    }
+
+    /// Electrons at radiance 1 in each channel that the pixels see.
+    fn electrons_at_one(&self) -> Option<[f64; 3]> {
+        let electrons = self.model.sensor.as_ref()?.electrons_at_one();
+        Some(match self.model.colour {
+            // A pixel without a filter gathers all three.
+            Colour::Mono => [electrons.iter().sum(); 3],
+            Colour::Rgb | Colour::Rggb => electrons,
+        })
+    }
+
+    /// Light of full scale per raw number above black, by channel: white stays white.
+    fn light_per_dn(&self) -> Option<[f64; 3]> {
+        let sensor = self.model.sensor.as_ref()?;
+        let electrons = self.electrons_at_one()?;
+        let most = electrons.iter().copied().fold(0.0, f64::max);
+        let saturation = sensor.saturation_dn() - sensor.black_level_dn;
+        Some(electrons.map(|value| self.model.gain * most / value / saturation))
+    }
+
+    fn noise(&self) -> Option<NoiseModel> {
+        let sensor = self.model.sensor.clone()?;
+        Some(NoiseModel { sensor, light_per_dn: self.light_per_dn()? })
+    }
+
+    /// The light at which each channel is saturated, as [`Self::digitise`] leaves it.
+    fn full_light(&self) -> [f32; 3] {
+        let Some((sensor, scale)) = self.model.sensor.as_ref().zip(self.light_per_dn()) else {
+            return [1.0; 3];
+        };
+        let saturation = sensor.saturation_dn() - sensor.black_level_dn;
+        // Less what is read of a full pixel may be: four standard deviations of its noise, and half
+        // a number for rounding.
+        let noise_dn = sensor.gain_dn_per_e * sensor.read_noise_e.hypot(sensor.dsnu_e);
+        let surely = saturation - 4.0 * noise_dn - 0.5;
+        #[allow(clippy::cast_possible_truncation, reason = "some size near 1")]
+        scale.map(|scale| 1.0_f64.min(scale * surely) as f32)
+    }
+
+    /// Turns light into light again, as the sensor's raw numbers say: full scale is 1.
+    fn digitise(
+        &self,
+        channel: usize,
+        plane: &mut Plane<f32>,
+        window: PixelRange,
+        frame_width: usize,
+        shot: &Shot,
+        buffers: &mut PhotographBuffers,
+    ) {
+        #[allow(clippy::cast_possible_truncation, reason = "f32 holds it to 1e-7")]
+        let gain = self.model.gain as f32;
+        let arch = pulp::Arch::new();
+        let Some(((sensor, electrons), scale)) =
+            self.model.sensor.as_ref().zip(self.electrons_at_one()).zip(self.light_per_dn())
+        else {
+            for sample in plane.samples_mut() {
+                *sample *= gain;
+            }
+            return;
+        };
+        let mut pixels = Pixels::new(sensor, &self.name, shot.name, ["0", "1", "2"][channel]);
+        let is_mosaic = self.model.colour == Colour::Rggb;
+        #[allow(clippy::cast_possible_truncation, reason = "f32 holds them to 1e-7")]
+        let ([electrons, scale], black) = (
+            [electrons, scale].map(|values| values.map(|value| value as f32)),
+            sensor.black_level_dn as f32,
+        );
+        let raw = is_mosaic && self.model.output.demosaic == Demosaic::Raw;
+        for y in 0..window.height() {
+            let row_in_frame = window.y0 + y;
+            let row = plane.row_mut(y);
+            buffers.row.clear();
+            let own = |x: usize| {
+                if is_mosaic { filter(window.x0 + x, row_in_frame) } else { channel }
+            };
+            for (x, sample) in row.iter_mut().enumerate() {
+                *sample *= electrons[own(x)];
+            }
+            arch.dispatch(|| pixels.read(row_in_frame * frame_width + window.x0, row));
+            for (x, sample) in row.iter_mut().enumerate() {
+                // Raw samples keep the sensor's colours.
+                *sample = (*sample - black) * scale[if raw { 1 } else { own(x) }];
+            }
+        }
+    }
+
+    /// Encodes linear samples, full scale 1, as the picture that the camera gives.
+    fn pictured(
+        &self,
+        samples: Vec<Plane<f32>>,
+        window: PixelRange,
+        inner: PixelRange,
+    ) -> [Plane<f32>; 3] {
+        let output = &self.model.output;
+        let is_mosaic = self.model.colour == Colour::Rggb;
+        let is_whole = inner.width() == window.width() && inner.height() == window.height();
+        let mut planes = match samples.as_slice() {
+            [mosaic] if is_mosaic && output.demosaic != Demosaic::Raw => {
+                demosaiced(mosaic, [window.x0, window.y0], output.demosaic).to_vec()
+            }
+            _ => samples,
+        };
+        if !is_whole {
+            planes = planes.iter().map(|plane| plane.crop(inner)).collect();
+        }
+        #[allow(clippy::cast_possible_truncation, reason = "at most 65535")]
+        let (full, black) =
+            ((2.0_f64.powi(output.bit_depth.into()) - 1.0) as f32, output.black_dn as f32);
+        let curve = output.curve();
+        for plane in &mut planes {
+            for sample in plane.samples_mut() {
+                *sample = match (&self.quantiser, curve) {
+                    (Some(_), Transfer::Linear) => {
+                        (black + *sample * (full - black) + 0.5).floor().clamp(0.0, full)
+                    }
+                    (None, Transfer::Linear) => black + *sample * (full - black),
+                    #[allow(clippy::cast_precision_loss, reason = "at most 65535")]
+                    (Some(quantiser), _) => quantiser.number(*sample) as f32,
+                    #[allow(clippy::cast_possible_truncation, reason = "at most 65535")]
+                    (None, _) => curve.encode(f64::from(sample.clamp(0.0, 1.0))) as f32 * full,
+                };
+            }
+        }
+        let rgb: [Plane<f32>; 3] = match <[Plane<f32>; 3]>::try_from(planes) {
+            Ok(rgb) => rgb,
+            Err(one) => [one[0].clone(), one[0].clone(), one[0].clone()],
+        };
+        if output.jpeg_quality > 0 { through_jpeg(rgb, output.jpeg_quality) } else { rgb }
+    }
+}
+
+/// Three planes of 8-bit samples, written as a JPEG file and read again.
+fn through_jpeg(rgb: [Plane<f32>; 3], quality: u8) -> [Plane<f32>; 3] {
+    let encoding = Encoding { bit_depth: 8, transfer: super::Transfer::Srgb, black_dn: 0.0 };
+    let picture = Exposure::new(rgb.clone(), encoding).to_picture();
+    let mut file = Vec::new();
+    let encoder = image::codecs::jpeg::JpegEncoder::new_with_quality(&mut file, quality);
+    let read = picture
+        .write_with_encoder(encoder)
+        .and_then(|()| image::load_from_memory_with_format(&file, image::ImageFormat::Jpeg));
+    // A picture in memory of at most 65535 pixels a side can be written and read.
+    let Ok(read) = read else { return rgb };
+    Exposure::from_picture(&read.to_rgb8()).rgb().clone()
+}
+
+/// Where any sample within `reach` is true.
+fn dilated(mask: &Plane<bool>, reach: usize) -> Plane<bool> {
+    let (width, height) = (mask.width(), mask.height());
+    let wide = Plane::from_fn(width, height, |x, y| {
+        let row = &mask.row(y)[x.saturating_sub(reach)..(x + reach + 1).min(width)];
+        row.contains(&true)
+    });
+    Plane::from_fn(width, height, |x, y| {
+        (y.saturating_sub(reach)..(y + reach + 1).min(height)).any(|y| wide.at(x, y))
+    })
+}
