@@ -16,6 +16,7 @@ pub mod filter;
 pub mod geometry;
 pub mod grasp;
 pub mod image;
+pub mod junction;
 pub mod matching;
 pub mod metrics;
 pub mod plan;

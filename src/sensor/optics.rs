@@ -153,7 +153,7 @@ impl Spread {
         Self { step_px: self.step_px, first_px, masses }
     }
 
-    fn is_point(&self) -> bool {
+    pub(super) fn is_point(&self) -> bool {
         self.masses.len() == 1
     }
 

@@ -3,6 +3,7 @@
 use crate::error::{Error, Result};
 use crate::geometry::Camera;
 use crate::image::{PixelRange, Plane};
+use crate::junction::BlurredJunction;
 use crate::scene::Film;
 use crate::sensor::distort::distorted;
 use crate::sensor::electrons::Pixels;
@@ -49,7 +50,6 @@ pub struct Photograph {
 #[derive(Debug, Default)]
 pub struct PhotographBuffers {
     gather: GatherBuffers,
-    row: Vec<f32>,
 }
 
 impl Photographer {
@@ -135,23 +135,87 @@ impl Photographer {
         shot: &Shot,
         buffers: &mut PhotographBuffers,
     ) -> Photograph {
+        let (wanted, window) = self.windows(camera, shot);
+        let planes = film.radiance.each_ref().map(|radiance| {
+            let mut light = Plane::filled(window.width(), window.height(), 0.0);
+            kernel.gather(radiance, window, &mut buffers.gather, &mut light);
+            light
+        });
+        self.developed(planes, camera, kernel.phase_px(), wanted, window, shot)
+    }
+
+    /// Takes a photograph of blurred junctions instead of a film: one of each of the three colours,
+    /// in one place. The blur is theirs; the aperture, the noise and the picture are this camera's.
+    ///
+    /// # Errors
+    /// When this camera has any blur but a Gaussian, whose size is not the junctions'.
+    pub fn expose_junction(
+        &self,
+        junction: &[BlurredJunction; 3],
+        camera: &Camera,
+        shot: &Shot,
+    ) -> Result<Photograph> {
+        let optics = &self.model.optics;
+        let sigma_px = optics.gaussian_sigma_px;
+        let is_same = junction.iter().all(|j| (j.sigma_px - sigma_px).abs() < 1e-9);
+        if !is_same || !self.spread.is_point() || !optics.distortion.is_none() {
+            return Err(Error::OutOfRange {
+                place: format!("camera {}", self.name),
+                key: "optics".into(),
+                found: format!("{optics:?}"),
+                allowed: format!(
+                    "a Gaussian blur alone, of the junction's {} px, without distortion",
+                    junction[0].sigma_px
+                ),
+            });
+        }
+        let (wanted, window) = self.windows(camera, shot);
+        let aperture_px = optics.fill_factor.sqrt().max(1e-3);
+        let planes = junction.each_ref().map(|junction| {
+            #[allow(clippy::cast_possible_truncation, reason = "radiance is kept as f32")]
+            Plane::from_fn(window.width(), window.height(), |x, y| {
+                junction.over_pixel(window.x0 + x, window.y0 + y, aperture_px) as f32
+            })
+        });
+        Ok(self.developed(planes, camera, [0.0, 0.0], wanted, window, shot))
+    }
+
+    /// The part of the frame that is wanted, and what of it has to be taken for that.
+    fn windows(&self, camera: &Camera, shot: &Shot) -> (PixelRange, PixelRange) {
         let (width, height) = (camera.width as usize, camera.height as usize);
         let whole = PixelRange { x0: 0, y0: 0, x1: width, y1: height };
         let wanted = shot.window.unwrap_or(whole);
         // Colours near the window's border are made of samples beyond it.
-        let reach =
-            if self.model.colour == Colour::Rggb { self.model.output.demosaic.reach() } else { 0 };
-        let window = wanted.grown(reach, width, height);
-        let mut light = self.light(film, [width, height], kernel, window, buffers);
+        (wanted, wanted.grown(self.reach(), width, height))
+    }
+
+    /// How far from a pixel samples lie that its colour is made of \[px\].
+    fn reach(&self) -> usize {
+        if self.model.colour == Colour::Rggb { self.model.output.demosaic.reach() } else { 0 }
+    }
+
+    /// What becomes of red, green and blue light on the pixels of a window.
+    fn developed(
+        &self,
+        planes: [Plane<f32>; 3],
+        camera: &Camera,
+        [phase_x, phase_y]: [f64; 2],
+        wanted: PixelRange,
+        window: PixelRange,
+        shot: &Shot,
+    ) -> Photograph {
+        let (width, height) = (camera.width as usize, camera.height as usize);
+        let mut light = self.light(planes, [width, height], window);
         let mut samples = light.clone();
         let full = self.full_light();
         let mut saturated = Plane::filled(window.width(), window.height(), false);
         for (channel, plane) in samples.iter_mut().enumerate() {
-            self.digitise(channel, plane, window, width, shot, buffers);
+            self.digitise(channel, plane, window, width, shot);
             for (saturated, &sample) in saturated.samples_mut().iter_mut().zip(plane.samples()) {
                 *saturated |= sample >= full[channel];
             }
         }
+        let reach = self.reach();
         let inner = PixelRange {
             x0: wanted.x0 - window.x0,
             y0: wanted.y0 - window.y0,
@@ -171,7 +235,6 @@ impl Photographer {
             transfer: self.model.output.curve(),
             black_dn: self.model.output.black_dn,
         };
-        let [phase_x, phase_y] = kernel.phase_px();
         #[allow(clippy::cast_possible_truncation, reason = "no larger than the camera's")]
         let camera = Camera {
             width: wanted.width() as u32,
@@ -191,21 +254,11 @@ impl Photographer {
     /// The light on the pixels in each channel that they see \[radiance\].
     fn light(
         &self,
-        film: &Film,
+        planes: [Plane<f32>; 3],
         [width, height]: [usize; 2],
-        kernel: &Kernel,
         window: PixelRange,
-        buffers: &mut PhotographBuffers,
     ) -> Vec<Plane<f32>> {
-        let mut planes: Vec<Plane<f32>> = film
-            .radiance
-            .iter()
-            .map(|radiance| {
-                let mut light = Plane::filled(window.width(), window.height(), 0.0);
-                kernel.gather(radiance, window, &mut buffers.gather, &mut light);
-                light
-            })
-            .collect();
+        let mut planes = planes.to_vec();
         let corner = self.model.optics.corner_illumination;
         if corner < 1.0 {
             let share = illumination(corner, width, height);
@@ -291,7 +344,6 @@ impl Photographer {
         window: PixelRange,
         frame_width: usize,
         shot: &Shot,
-        buffers: &mut PhotographBuffers,
     ) {
         #[allow(clippy::cast_possible_truncation, reason = "f32 holds it to 1e-7")]
         let gain = self.model.gain as f32;
@@ -315,7 +367,6 @@ impl Photographer {
         for y in 0..window.height() {
             let row_in_frame = window.y0 + y;
             let row = plane.row_mut(y);
-            buffers.row.clear();
             let own = |x: usize| {
                 if is_mosaic { filter(window.x0 + x, row_in_frame) } else { channel }
             };

@@ -4,9 +4,10 @@ use std::process::Command;
 
 use cornerbench::geometry::{Camera, Distortion, ImagePoint};
 use cornerbench::image::Plane;
+use cornerbench::junction::BlurredJunction;
 use cornerbench::plan::{read_camera, recipe_names};
 use cornerbench::scene::Film;
-use cornerbench::sensor::{CameraModel, Colour, Curve, Photograph, Photographer, Sensor};
+use cornerbench::sensor::{CameraModel, Colour, Curve, Photograph, Photographer, Sensor, Shot};
 
 use crate::support::{cornerbench, plain_dataset, project, python, run, stderr, succeed};
 
@@ -641,4 +642,56 @@ fn light_and_noise_are_those_of_the_version_in_numpy() {
             assert!((ratio - 1.0).abs() < 0.06, "{name} {channel}: variance is {ratio} of NumPy's");
         }
     }
+}
+
+#[test]
+fn a_blurred_junction_goes_through_the_same_camera_as_a_film() {
+    // A corner of three sectors, as a film of 16 cells a pixel and in closed form.
+    let pinhole = pinhole(24, 24);
+    let vertex = ImagePoint::new(11.3, 12.1);
+    let edges_rad: Vec<f64> = [0.3, 2.1, 4.0].to_vec();
+    let scale = 16;
+    let sector = |x: f64, y: f64| {
+        let angle = (y - vertex.y).atan2(x - vertex.x).rem_euclid(std::f64::consts::TAU);
+        edges_rad.iter().rposition(|edge| *edge <= angle).unwrap_or(2)
+    };
+    let levels = [[0.6, 0.1, 0.3], [0.5, 0.2, 0.1], [0.1, 0.4, 0.2]];
+    let radiance = [0, 1, 2].map(|channel: usize| {
+        Plane::from_fn(24 * scale, 24 * scale, |x, y| {
+            let at = ImagePoint::from_film(x as f64 + 0.5, y as f64 + 0.5, 16);
+            #[allow(clippy::cast_possible_truncation, reason = "a radiance")]
+            let value = levels[channel][sector(at.x, at.y)] as f32;
+            value
+        })
+    });
+    let film = Film { oversampling: 16, radiance };
+    let mut model =
+        read_camera(&project().join("scenes"), "webcam").expect("a camera").model().clone();
+    model.optics.distortion = Distortion::NONE;
+    model.output.jpeg_quality = 0;
+    let camera = Photographer::new("webcam", &model, None);
+    let junction = levels.map(|levels| BlurredJunction {
+        vertex,
+        edges_rad: edges_rad.clone(),
+        levels: levels.to_vec(),
+        sigma_px: model.optics.gaussian_sigma_px,
+    });
+    let shot = Shot { name: &["junction"], window: None };
+    let ours = camera.expose_junction(&junction, &pinhole, &shot).expect("a photograph");
+    let theirs = camera.take(&film, &pinhole, [0.0, 0.0], &["junction"]).expect("a photograph");
+    let mut same = 0;
+    for y in 5..19 {
+        for x in 5..19 {
+            let (a, b) = (ours.light[0].at(x, y), theirs.light[0].at(x, y));
+            assert!((a - b).abs() < 2e-3, "{x} {y}: {a} {b}");
+            let at = |photograph: &Photograph| photograph.exposure.rgb()[0].at(x, y);
+            same += usize::from((at(&ours) - at(&theirs)).abs() <= 1.0);
+        }
+    }
+    assert!(same > 14 * 14 * 9 / 10, "the noise is the same, too: {same}");
+
+    let mut soft = junction.clone();
+    soft[0].sigma_px = 3.0;
+    let problem = camera.expose_junction(&soft, &pinhole, &shot).expect_err("another blur");
+    assert!(problem.chain().contains("a Gaussian blur alone"), "{}", problem.chain());
 }

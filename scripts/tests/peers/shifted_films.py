@@ -1,8 +1,8 @@
 """Films of one scene whose grids are shifted, each rendered afresh several times over.
 
-`python shifted_films.py OUT.f32 PASSES X,Y X,Y ...` writes float32 numbers: of every shift [px] and
-pass the red, green and blue radiance of the 4 x 4 cells of a window of 40 x 40 pixels about a corner
-of a cuboid, row by row.
+`python shifted_films.py OUT.f32 PASSES -- X,Y X,Y ...` writes float32 numbers: of every shift [px]
+and pass the red, green and blue radiance of the 4 x 4 cells of a window of 40 x 40 pixels about a
+corner of a cuboid, row by row.
 """
 
 import sys
