@@ -122,7 +122,7 @@ impl<'a> Pixels<'a> {
 
     /// Turns mean electrons from light into digital numbers, for pixels from index `first` on.
     #[inline(always)]
-    pub(super) fn read(&mut self, first: usize, samples: &mut [f32]) {
+    fn read(&mut self, first: usize, samples: &mut [f32]) {
         let sensor = self.sensor;
         for buffer in [&mut self.deviates, &mut self.spread] {
             buffer.resize(samples.len(), 0.0);
@@ -163,5 +163,22 @@ impl<'a> Pixels<'a> {
             let electrons = sample.min(full_well_e) + read_noise_e * read + dsnu_e * fixed;
             *sample = (black + gain * electrons + 0.5).floor().clamp(0.0, most);
         }
+    }
+}
+
+/// What pixels from index `first` on read of mean electrons, as digital numbers: compiled for the
+/// machine's vectors.
+pub(super) struct Read<'a, 'b> {
+    pub(super) pixels: &'a mut Pixels<'b>,
+    pub(super) first: usize,
+    pub(super) samples: &'a mut [f32],
+}
+
+impl pulp::WithSimd for Read<'_, '_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, _: S) {
+        self.pixels.read(self.first, self.samples);
     }
 }

@@ -35,6 +35,7 @@ impl Stream {
 /// Normal deviates of mean 0 and variance 1 of random words, by inversion.
 ///
 /// Wichura (1988), Applied Statistics 37(3), algorithm AS 241, PPND7: seven digits.
+#[inline(always)]
 pub(super) fn normals(words: &[u32], deviates: &mut [f32]) {
     // The middle of the distribution, 85 % of it, has no branch; the tails follow one by one.
     for (deviate, &word) in deviates.iter_mut().zip(words) {
@@ -79,6 +80,7 @@ const SMALL_MEAN: f32 = 16.0;
 /// Means from 16 on: Giles (2016), ACM Transactions on Mathematical Software 42(1), Algorithm 955,
 /// the normal asymptotic expansion with three terms; where it is wrong, in one of several hundred
 /// draws, it is so by one. Smaller means: exact, to the 32 bits of a word.
+#[inline(always)]
 pub(super) fn poisson(words: &[u32], deviates: &mut [f32], means: &mut [f32]) {
     normals(words, deviates);
     for ((mean, &deviate), &word) in means.iter_mut().zip(&*deviates).zip(words) {

@@ -356,7 +356,7 @@ fn factored(weights: DMatrix<f64>, is_product: bool) -> Vec<[Vec<f32>; 2]> {
 }
 
 /// Columns of film or of a picture that are added up at a time: their sums stay in registers.
-const BLOCK: usize = 32;
+const BLOCK: usize = 64;
 
 /// Memory that [`Kernel::gather`] needs; kept from call to call.
 #[derive(Debug, Default)]
@@ -390,36 +390,58 @@ impl Kernel {
         buffers: &mut GatherBuffers,
         light: &mut Plane<f32>,
     ) {
-        let arch = pulp::Arch::new();
         for (index, [across, down]) in self.terms.iter().enumerate() {
-            arch.dispatch(|| {
-                self.gather_term(film, window, buffers, light, across, down, index > 0)
+            let adds = index > 0;
+            let light = &mut *light;
+            let buffers = &mut *buffers;
+            pulp::Arch::new().dispatch(Gather {
+                kernel: self,
+                film,
+                window,
+                buffers,
+                light,
+                across,
+                down,
+                adds,
             });
         }
     }
+}
 
-    #[allow(clippy::too_many_arguments, reason = "one caller")]
+/// One product of a column and a row of weights, over a window: compiled for the machine's vectors.
+struct Gather<'a> {
+    kernel: &'a Kernel,
+    film: &'a Plane<f32>,
+    window: PixelRange,
+    buffers: &'a mut GatherBuffers,
+    light: &'a mut Plane<f32>,
+    across: &'a [f32],
+    down: &'a [f32],
+    adds: bool,
+}
+
+impl pulp::WithSimd for Gather<'_> {
+    type Output = ();
+
     #[inline(always)]
-    fn gather_term(
-        &self,
-        film: &Plane<f32>,
-        window: PixelRange,
-        buffers: &mut GatherBuffers,
-        light: &mut Plane<f32>,
-        across: &[f32],
-        down: &[f32],
-        adds: bool,
-    ) {
-        let scale = self.oversampling;
+    fn with_simd<S: pulp::Simd>(self, _: S) {
+        let Self { kernel, film, window, buffers, light, across, down, adds } = self;
+        let scale = kernel.oversampling;
         // The film's columns that the window needs, from `left` on, to a whole number of pixels.
-        let left = self.first[0] + (window.x0 * scale).cast_signed();
+        let left = kernel.first[0] + (window.x0 * scale).cast_signed();
         let pixels = window.width() + across.len().div_ceil(scale);
         let needed = pixels * scale;
         buffers.sums.resize(needed, 0.0);
         buffers.phases.resize(needed, 0.0);
+        let mut rows: Vec<&[f32]> = Vec::with_capacity(down.len());
         for y in 0..window.height() {
-            let top = self.first[1] + ((window.y0 + y) * scale).cast_signed();
-            add_rows(film, left, top, down, &mut buffers.sums);
+            let top = kernel.first[1] + ((window.y0 + y) * scale).cast_signed();
+            rows.clear();
+            rows.extend((0..down.len()).map(|tap| {
+                let y = (top + tap.cast_signed()).clamp(0, film.height().cast_signed() - 1);
+                film.row(y.unsigned_abs())
+            }));
+            add_rows(&rows, left, down, &mut buffers.sums);
             // Columns of the same phase next to each other, so that neighbours are added up at once.
             for (phase, row) in buffers.phases.chunks_exact_mut(pixels).enumerate() {
                 for (to, from) in row.iter_mut().zip(buffers.sums[phase..].iter().step_by(scale)) {
@@ -431,49 +453,42 @@ impl Kernel {
     }
 }
 
-/// Adds up weighted rows of a film from column `left` and row `top` on, into `sums`.
+/// Adds up weighted rows of a film from column `left` on, into `sums`.
 #[inline(always)]
-fn add_rows(film: &Plane<f32>, left: isize, top: isize, weights: &[f32], sums: &mut [f32]) {
-    let last = film.width().cast_signed() - 1;
-    let inside_first = (-left).max(0).min(sums.len().cast_signed()).unsigned_abs();
-    let inside_end =
-        (last + 1 - left).max(0).min(sums.len().cast_signed()).unsigned_abs().max(inside_first);
-    let rows = |tap: usize| {
-        let y = (top + tap.cast_signed()).clamp(0, film.height().cast_signed() - 1);
-        film.row(y.unsigned_abs())
-    };
-    let start = (left + inside_first.cast_signed()).clamp(0, last).unsigned_abs();
-    let (inside, _) = sums.split_at_mut(inside_end);
-    for (block, sums) in inside[inside_first..].chunks_mut(BLOCK).enumerate() {
+fn add_rows(rows: &[&[f32]], left: isize, weights: &[f32], sums: &mut [f32]) {
+    let width = rows.first().map_or(0, |row| row.len()).cast_signed();
+    let count = sums.len().cast_signed();
+    let first = (-left).clamp(0, count).unsigned_abs();
+    let end = (width - left).clamp(first.cast_signed(), count).unsigned_abs();
+    let start = (left + first.cast_signed()).clamp(0, width - 1).unsigned_abs();
+    for (block, sums) in sums[first..end].chunks_mut(BLOCK).enumerate() {
         let from = start + block * BLOCK;
-        let mut added = [0.0_f32; BLOCK];
-        if sums.len() == BLOCK {
-            for (tap, &weight) in weights.iter().enumerate() {
-                let row: &[f32; BLOCK] = row_block(rows(tap), from);
+        if let Ok(sums) = <&mut [f32; BLOCK]>::try_from(&mut *sums) {
+            let mut added = [0.0_f32; BLOCK];
+            for (row, &weight) in rows.iter().zip(weights) {
+                let row: &[f32; BLOCK] = row_block(row, from);
                 for (sum, value) in added.iter_mut().zip(row) {
                     *sum += weight * value;
                 }
             }
+            *sums = added;
         } else {
-            for (tap, &weight) in weights.iter().enumerate() {
-                for (sum, value) in added.iter_mut().zip(&rows(tap)[from..from + sums.len()]) {
-                    *sum += weight * value;
-                }
+            for (index, sum) in sums.iter_mut().enumerate() {
+                let products = rows.iter().zip(weights).map(|(row, w)| w * row[from + index]);
+                *sum = products.fold(0.0, |sum, product| sum + product);
             }
         }
-        sums.copy_from_slice(&added[..sums.len()]);
     }
     // Beyond the film's border: what is at it.
-    let border = |x: usize| {
-        weights.iter().enumerate().map(|(tap, weight)| weight * rows(tap)[x]).sum::<f32>()
+    let border = |x: isize| {
+        let x = x.unsigned_abs();
+        rows.iter().zip(weights).map(|(row, weight)| weight * row[x]).sum::<f32>()
     };
-    if inside_first > 0 {
-        let value = border(0);
-        sums[..inside_first].fill(value);
+    if first > 0 {
+        sums[..first].fill(border(0));
     }
-    if inside_end < sums.len() {
-        let value = border(last.unsigned_abs());
-        sums[inside_end..].fill(value);
+    if end < sums.len() {
+        sums[end..].fill(border(width - 1));
     }
 }
 

@@ -6,7 +6,7 @@ use crate::image::{PixelRange, Plane};
 use crate::junction::BlurredJunction;
 use crate::scene::Film;
 use crate::sensor::distort::distorted;
-use crate::sensor::electrons::Pixels;
+use crate::sensor::electrons::{Pixels, Read};
 use crate::sensor::mosaic::{demosaiced, filter};
 use crate::sensor::optics::{GatherBuffers, Kernel, Spread, illumination};
 use crate::sensor::transfer::Quantiser;
@@ -373,7 +373,8 @@ impl Photographer {
             for (x, sample) in row.iter_mut().enumerate() {
                 *sample *= electrons[own(x)];
             }
-            arch.dispatch(|| pixels.read(row_in_frame * frame_width + window.x0, row));
+            let first = row_in_frame * frame_width + window.x0;
+            arch.dispatch(Read { pixels: &mut pixels, first, samples: row });
             for (x, sample) in row.iter_mut().enumerate() {
                 // Raw samples keep the sensor's colours.
                 *sample = (*sample - black) * scale[if raw { 1 } else { own(x) }];
