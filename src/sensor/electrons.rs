@@ -4,6 +4,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::noise::{Stream, normals, poisson};
+use crate::image::Plane;
 
 /// A sensor by the numbers of its EMVA 1288 data sheet.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -89,50 +90,89 @@ impl Sensor {
     }
 }
 
-/// A sensor's pixels: draws what they read.
+/// The index of a pixel among the random numbers: the same in frames of all sizes.
+fn index(x: usize, y: usize) -> usize {
+    (y << 16) + x
+}
+
+/// How the pixels of a camera differ from each other, the same in every exposure: of each plane.
+#[derive(Debug)]
+pub(super) struct Pattern {
+    /// Factor of the response to light.
+    response: Plane<f32>,
+    /// Signal without light, beyond the mean \[e-\].
+    dark_e: Plane<f32>,
+}
+
+impl Pattern {
+    /// That of a plane of a camera, from its name alone.
+    pub(super) fn new(sensor: &Sensor, camera: &str, plane: &str, size: [usize; 2]) -> Self {
+        let [width, height] = size;
+        let (mut words, mut deviates) = (vec![0; width], vec![0.0; width]);
+        let mut drawn = |kind: &str, mean: f32, deviation: f64| {
+            let mut values = Plane::filled(width, height, mean);
+            if deviation > 0.0 {
+                let mut stream = Stream::named(&["camera", camera, plane, kind]);
+                for y in 0..height {
+                    stream.words(index(0, y), &mut words);
+                    normals(&words, &mut deviates);
+                    for (value, deviate) in values.row_mut(y).iter_mut().zip(&deviates) {
+                        #[allow(clippy::cast_possible_truncation, reason = "f32 holds it")]
+                        let deviation = deviation as f32;
+                        *value = mean + deviation * deviate;
+                    }
+                }
+            }
+            values
+        };
+        let response = drawn("response", 1.0, sensor.prnu).map(|factor| factor.max(0.0));
+        Self { response, dark_e: drawn("dark", 0.0, sensor.dsnu_e) }
+    }
+
+    /// Whether it covers a frame of this size.
+    pub(super) fn covers(&self, [width, height]: [usize; 2]) -> bool {
+        self.response.width() >= width && self.response.height() >= height
+    }
+}
+
+/// A sensor's pixels in one exposure: draws what they read.
 pub(super) struct Pixels<'a> {
     sensor: &'a Sensor,
+    pattern: &'a Pattern,
     shot: Stream,
     read: Stream,
-    response: Option<Stream>,
-    dark: Option<Stream>,
     words: Vec<u32>,
     deviates: Vec<f32>,
-    spread: Vec<f32>,
 }
 
 impl<'a> Pixels<'a> {
-    /// The pixels of one plane of one camera in one exposure. Those of a camera differ from each other
-    /// in the same way in every exposure; noise over time is another in each.
-    pub(super) fn new(sensor: &'a Sensor, camera: &str, exposure: &[&str], plane: &str) -> Self {
-        let of_exposure = |kind| Stream::named(&[exposure, &[plane, kind]].concat());
-        let of_camera =
-            |kind, size: f64| (size > 0.0).then(|| Stream::named(&["camera", camera, plane, kind]));
+    /// The pixels of one plane in the exposure of a name.
+    pub(super) fn new(
+        sensor: &'a Sensor,
+        pattern: &'a Pattern,
+        exposure: &[&str],
+        plane: &str,
+    ) -> Self {
+        let named = |kind| Stream::named(&[exposure, &[plane, kind]].concat());
         Self {
             sensor,
-            shot: of_exposure("shot"),
-            read: of_exposure("read"),
-            response: of_camera("response", sensor.prnu),
-            dark: of_camera("dark", sensor.dsnu_e),
+            pattern,
+            shot: named("shot"),
+            read: named("read"),
             words: Vec::new(),
             deviates: Vec::new(),
-            spread: Vec::new(),
         }
     }
 
-    /// Turns mean electrons from light into digital numbers, for pixels from index `first` on.
+    /// Turns mean electrons from light into digital numbers, for pixels of a row from (x, y) on.
     #[inline(always)]
-    fn read(&mut self, first: usize, samples: &mut [f32]) {
+    fn read(&mut self, [x, y]: [usize; 2], samples: &mut [f32]) {
         let sensor = self.sensor;
-        for buffer in [&mut self.deviates, &mut self.spread] {
-            buffer.resize(samples.len(), 0.0);
-        }
+        self.deviates.resize(samples.len(), 0.0);
         self.words.resize(samples.len(), 0);
         #[allow(clippy::cast_possible_truncation, reason = "f32 holds them to 1e-7")]
-        let [dark_e, prnu, dsnu_e, read_noise_e, full_well_e, gain, black, most] = [
+        let [mean_dark_e, read_noise_e, full_well_e, gain, black, most] = [
             sensor.dark_e(),
-            sensor.prnu,
-            sensor.dsnu_e,
             sensor.read_noise_e,
             sensor.full_well_e,
             sensor.gain_dn_per_e,
@@ -140,37 +180,28 @@ impl<'a> Pixels<'a> {
             2.0_f64.powi(i32::from(sensor.bit_depth)) - 1.0,
         ]
         .map(|value| value as f32);
-        if let Some(response) = &mut self.response {
-            response.words(first, &mut self.words);
-            normals(&self.words, &mut self.deviates);
-            for (sample, deviate) in samples.iter_mut().zip(&self.deviates) {
-                *sample *= (1.0 + prnu * deviate).max(0.0);
-            }
+        let response = &self.pattern.response.row(y)[x..x + samples.len()];
+        let dark_e = &self.pattern.dark_e.row(y)[x..x + samples.len()];
+        for (sample, response) in samples.iter_mut().zip(response) {
+            *sample = *sample * response + mean_dark_e;
         }
-        for sample in samples.iter_mut() {
-            *sample += dark_e;
-        }
-        self.shot.words(first, &mut self.words);
+        self.shot.words(index(x, y), &mut self.words);
         poisson(&self.words, &mut self.deviates, samples);
-        self.spread.fill(0.0);
-        if let Some(dark) = &mut self.dark {
-            dark.words(first, &mut self.words);
-            normals(&self.words, &mut self.spread);
-        }
-        self.read.words(first, &mut self.words);
+        self.read.words(index(x, y), &mut self.words);
         normals(&self.words, &mut self.deviates);
-        for ((sample, read), fixed) in samples.iter_mut().zip(&self.deviates).zip(&self.spread) {
-            let electrons = sample.min(full_well_e) + read_noise_e * read + dsnu_e * fixed;
+        for ((sample, read), dark_e) in samples.iter_mut().zip(&self.deviates).zip(dark_e) {
+            let electrons = sample.min(full_well_e) + read_noise_e * read + dark_e;
             *sample = (black + gain * electrons + 0.5).floor().clamp(0.0, most);
         }
     }
 }
 
-/// What pixels from index `first` on read of mean electrons, as digital numbers: compiled for the
+/// What pixels of a row read of mean electrons, as digital numbers: compiled for the
 /// machine's vectors.
 pub(super) struct Read<'a, 'b> {
     pub(super) pixels: &'a mut Pixels<'b>,
-    pub(super) first: usize,
+    /// The first of them.
+    pub(super) first: [usize; 2],
     pub(super) samples: &'a mut [f32],
 }
 

@@ -356,7 +356,7 @@ fn factored(weights: DMatrix<f64>, is_product: bool) -> Vec<[Vec<f32>; 2]> {
 }
 
 /// Columns of film or of a picture that are added up at a time: their sums stay in registers.
-const BLOCK: usize = 64;
+const BLOCK: usize = 32;
 
 /// Memory that [`Kernel::gather`] needs; kept from call to call.
 #[derive(Debug, Default)]
@@ -461,22 +461,16 @@ fn add_rows(rows: &[&[f32]], left: isize, weights: &[f32], sums: &mut [f32]) {
     let first = (-left).clamp(0, count).unsigned_abs();
     let end = (width - left).clamp(first.cast_signed(), count).unsigned_abs();
     let start = (left + first.cast_signed()).clamp(0, width - 1).unsigned_abs();
-    for (block, sums) in sums[first..end].chunks_mut(BLOCK).enumerate() {
-        let from = start + block * BLOCK;
-        if let Ok(sums) = <&mut [f32; BLOCK]>::try_from(&mut *sums) {
-            let mut added = [0.0_f32; BLOCK];
-            for (row, &weight) in rows.iter().zip(weights) {
-                let row: &[f32; BLOCK] = row_block(row, from);
-                for (sum, value) in added.iter_mut().zip(row) {
-                    *sum += weight * value;
-                }
-            }
-            *sums = added;
-        } else {
-            for (index, sum) in sums.iter_mut().enumerate() {
-                let products = rows.iter().zip(weights).map(|(row, w)| w * row[from + index]);
-                *sum = products.fold(0.0, |sum, product| sum + product);
-            }
+    let inside = &mut sums[first..end];
+    inside.fill(0.0);
+    // Whole rows, four at a time: the film is read in the order of memory.
+    for (rows, weights) in rows.chunks(4).zip(weights.chunks(4)) {
+        let part = |index: usize| &rows[index.min(rows.len() - 1)][start..start + inside.len()];
+        let weight = |index: usize| weights.get(index).copied().unwrap_or(0.0);
+        let ((a, b), (c, d)) = ((part(0), part(1)), (part(2), part(3)));
+        let (wa, wb, wc, wd) = (weight(0), weight(1), weight(2), weight(3));
+        for ((((sum, a), b), c), d) in inside.iter_mut().zip(a).zip(b).zip(c).zip(d) {
+            *sum += (wa * a + wb * b) + (wc * c + wd * d);
         }
     }
     // Beyond the film's border: what is at it.

@@ -1,19 +1,26 @@
 //! Taking photographs: film to light, light to electrons, electrons to a picture.
 
+use std::sync::{Arc, PoisonError, RwLock};
+
 use crate::error::{Error, Result};
 use crate::geometry::Camera;
 use crate::image::{PixelRange, Plane};
 use crate::junction::BlurredJunction;
 use crate::scene::Film;
 use crate::sensor::distort::distorted;
-use crate::sensor::electrons::{Pixels, Read};
+use crate::sensor::electrons::{Pattern, Pixels, Read};
 use crate::sensor::mosaic::{demosaiced, filter};
 use crate::sensor::optics::{GatherBuffers, Kernel, Spread, illumination};
 use crate::sensor::transfer::Quantiser;
-use crate::sensor::{CameraModel, Colour, Demosaic, Encoding, Exposure, NoiseModel, Transfer};
+use crate::sensor::{
+    CameraModel, Colour, Demosaic, Encoding, Exposure, NoiseModel, Sensor, Transfer,
+};
 
 /// Rec. 709 luminance: what a camera that sees no colour and has no sensor makes of light.
 const LUMINANCE: [f32; 3] = [0.2126, 0.7152, 0.0722];
+
+/// The planes' names among the random numbers.
+const PLANES: [&str; 3] = ["0", "1", "2"];
 
 /// A camera model made ready to take photographs.
 #[derive(Debug)]
@@ -22,6 +29,8 @@ pub struct Photographer {
     model: CameraModel,
     spread: Spread,
     quantiser: Option<Quantiser>,
+    /// How its pixels differ, of each plane, for the largest frame so far.
+    patterns: [RwLock<Option<Arc<Pattern>>>; 3],
 }
 
 /// Which photograph.
@@ -65,6 +74,7 @@ impl Photographer {
             model: model.clone(),
             spread: model.optics.spread(psf),
             quantiser,
+            patterns: Default::default(),
         }
     }
 
@@ -210,7 +220,7 @@ impl Photographer {
         let full = self.full_light();
         let mut saturated = Plane::filled(window.width(), window.height(), false);
         for (channel, plane) in samples.iter_mut().enumerate() {
-            self.digitise(channel, plane, window, width, shot);
+            self.digitise(channel, plane, window, [width, height], shot);
             for (saturated, &sample) in saturated.samples_mut().iter_mut().zip(plane.samples()) {
                 *saturated |= sample >= full[channel];
             }
@@ -342,7 +352,7 @@ impl Photographer {
         channel: usize,
         plane: &mut Plane<f32>,
         window: PixelRange,
-        frame_width: usize,
+        frame: [usize; 2],
         shot: &Shot,
     ) {
         #[allow(clippy::cast_possible_truncation, reason = "f32 holds it to 1e-7")]
@@ -356,7 +366,8 @@ impl Photographer {
             }
             return;
         };
-        let mut pixels = Pixels::new(sensor, &self.name, shot.name, ["0", "1", "2"][channel]);
+        let pattern = self.pattern(sensor, channel, frame);
+        let mut pixels = Pixels::new(sensor, &pattern, shot.name, PLANES[channel]);
         let is_mosaic = self.model.colour == Colour::Rggb;
         #[allow(clippy::cast_possible_truncation, reason = "f32 holds them to 1e-7")]
         let ([electrons, scale], black) = (
@@ -373,13 +384,25 @@ impl Photographer {
             for (x, sample) in row.iter_mut().enumerate() {
                 *sample *= electrons[own(x)];
             }
-            let first = row_in_frame * frame_width + window.x0;
+            let first = [window.x0, row_in_frame];
             arch.dispatch(Read { pixels: &mut pixels, first, samples: row });
             for (x, sample) in row.iter_mut().enumerate() {
                 // Raw samples keep the sensor's colours.
                 *sample = (*sample - black) * scale[if raw { 1 } else { own(x) }];
             }
         }
+    }
+
+    /// How the pixels of a plane differ from each other, for a frame of a size.
+    fn pattern(&self, sensor: &Sensor, channel: usize, frame: [usize; 2]) -> Arc<Pattern> {
+        let kept = &self.patterns[channel];
+        let there = kept.read().unwrap_or_else(PoisonError::into_inner).clone();
+        if let Some(pattern) = there.filter(|pattern| pattern.covers(frame)) {
+            return pattern;
+        }
+        let pattern = Arc::new(Pattern::new(sensor, &self.name, PLANES[channel], frame));
+        *kept.write().unwrap_or_else(PoisonError::into_inner) = Some(Arc::clone(&pattern));
+        pattern
     }
 
     /// Encodes linear samples, full scale 1, as the picture that the camera gives.
