@@ -49,6 +49,26 @@ pub fn write_json(path: &Path, content: &impl Serialize) -> Result<()> {
     })
 }
 
+/// Refuses a folder that holds something, but not the file `manifest` which marks it as what this
+/// program writes, `kind`: "an export".
+///
+/// # Errors
+/// When it is such a folder: it would be overwritten.
+pub fn refuse_foreign(folder: &Path, manifest: &str, kind: &str) -> Result<()> {
+    let is_free = match std::fs::read_dir(folder) {
+        Ok(mut entries) => entries.next().is_none() || folder.join(manifest).is_file(),
+        Err(error) => error.kind() == std::io::ErrorKind::NotFound,
+    };
+    if is_free {
+        return Ok(());
+    }
+    Err(Error::Other(format!(
+        "{}: is there, but holds no {manifest}: it is not {kind} and would be overwritten; choose \
+         another folder with -o",
+        folder.display()
+    )))
+}
+
 /// Makes `path` a new, empty folder in place of the one that may be there.
 ///
 /// # Errors

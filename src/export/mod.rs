@@ -13,7 +13,7 @@ use nalgebra::Point3;
 use serde::Serialize;
 
 use crate::error::{Error, Result};
-use crate::files::{write_json, write_whole};
+use crate::files::{refuse_foreign, write_json, write_whole};
 use crate::image::Plane;
 use crate::scene::{Dataset, Description, Scene};
 use crate::sensor::{CameraModel, Photographer};
@@ -116,7 +116,7 @@ pub fn export(
     output: &Path,
     on_scene: &mut dyn FnMut(&str, Option<&Error>),
 ) -> Result<Exported> {
-    refuse_foreign(output)?;
+    refuse_foreign(output, MANIFEST, "an export")?;
     if !request.photographer.model().optics.distortion.is_none() {
         return Err(Error::Other(format!(
             "camera {} distorts, and {} has no place for that; choose another with --camera",
@@ -177,21 +177,6 @@ pub fn export(
         write_json(&folder.join(MANIFEST), &exported)
     })?;
     Ok(exported)
-}
-
-fn refuse_foreign(output: &Path) -> Result<()> {
-    let is_free = match fs::read_dir(output) {
-        Ok(mut entries) => entries.next().is_none() || output.join(MANIFEST).is_file(),
-        Err(error) => error.kind() == std::io::ErrorKind::NotFound,
-    };
-    if is_free {
-        return Ok(());
-    }
-    Err(Error::Other(format!(
-        "{}: is there, but holds no {MANIFEST}: it is not an export and would be overwritten; choose \
-         another folder with -o",
-        output.display()
-    )))
 }
 
 /// Reads a scene whose target is in front of the camera: only then do its corners have projections.

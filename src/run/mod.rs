@@ -102,7 +102,11 @@ fn measure_scene(
 ) -> Result<Vec<Record>> {
     let film_camera = scene.description.camera;
     let name = [dataset.suite(), &scene.name, "0"];
-    let photograph = plan.photographer.take(&scene.film, &film_camera, [0.0, 0.0], &name)?;
+    let photograph = match plan.photographer.take(&scene.film, &film_camera, [0.0, 0.0], &name) {
+        Ok(photograph) => photograph,
+        // The lens folds this scene's image, not necessarily another's.
+        Err(error) => return Ok(vec![unreadable(plan, dataset, &scene.name, &error)]),
+    };
     let truth = scene.truth.seen_by(&film_camera, &photograph.camera);
     let exposure = photograph.exposure;
     let rig =

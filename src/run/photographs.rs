@@ -11,12 +11,12 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::error::{Error, Result};
-use crate::files::{write_json, write_whole};
+use crate::files::{refuse_foreign, write_json, write_whole};
 use crate::geometry::{Camera, ImagePoint};
 use crate::image::Plane;
 use crate::scene::{Dataset, Junction, Scene, Visibility};
 use crate::sensor::{
-    CameraModel, Colour, Exposure, Photograph, PhotographBuffers, Photographer, Shot, Transfer,
+    CameraModel, Colour, Demosaic, Exposure, PhotographBuffers, Photographer, Shot, Transfer,
 };
 
 /// The file that tells such a folder from any other.
@@ -57,6 +57,8 @@ struct SceneFile {
     transfer: Transfer,
     /// The largest sample.
     full_scale_dn: f64,
+    /// The sample without light.
+    black_dn: f64,
     /// The camera in the world: the upper rows of the matrix.
     world_from_camera: [[f64; 4]; 3],
     exposures: Vec<ExposureEntry>,
@@ -80,8 +82,8 @@ struct CornerEntry {
     image_point_px: ImagePoint,
 }
 
-/// Photographs every scene of `dataset` into the folder `output`: SCENE/exposure-N.png with
-/// SCENE/light-P.exr, the light on the pixels without noise at phase P, and SCENE/exposures.json with
+/// Photographs every scene of `dataset` into the folder `output`: SCENE/exposure-N.png (.exr where
+/// samples are not rounded) with SCENE/light-P.exr, the light on the pixels without noise at phase P, and SCENE/exposures.json with
 /// the camera and the true corners in each. A scene's folder appears whole or not at all. Scenes are
 /// done in parallel; `on_scene` is called as each is done, with what was wrong.
 ///
@@ -96,7 +98,7 @@ pub fn photograph(
     command: &str,
     on_scene: &(dyn Fn(&str, Option<&Error>) + Sync),
 ) -> Result<Photographs> {
-    refuse_foreign(output)?;
+    refuse_foreign(output, MANIFEST, "a folder of photographs")?;
     let mut found = Photographs {
         cornerbench_version: env!("CARGO_PKG_VERSION").to_owned(),
         suite: dataset.suite().to_owned(),
@@ -153,10 +155,17 @@ fn scene_into(
             let name = [suite, &scene.name, &number.to_string()];
             let shot = Shot { name: &name, window: None };
             let taken = photographer.expose(film, camera, &kernel, &shot, buffers);
-            let picture = format!("exposure-{number}.png");
-            write_picture(&folder.join(&picture), &taken.exposure, photographer.model())?;
+            let kind = if output.rounded { "png" } else { "exr" };
+            let picture = format!("exposure-{number}.{kind}");
+            let path = folder.join(&picture);
+            if output.rounded {
+                write_picture(&path, &taken.exposure, photographer.model())?;
+            } else {
+                let channels = if is_grey(photographer.model()) { 1 } else { 3 };
+                write_planes(&path, "exposure", &taken.exposure.rgb()[..channels])?;
+            }
             if number % wanted.repeats as usize == 0 {
-                write_light(&folder.join(&light), &taken)?;
+                write_planes(&folder.join(&light), "light", &taken.light)?;
             }
             let truth = scene.truth.seen_by(camera, &taken.camera);
             exposures.push(ExposureEntry {
@@ -181,6 +190,7 @@ fn scene_into(
     let described = SceneFile {
         transfer: output.curve(),
         full_scale_dn: 2.0_f64.powi(output.bit_depth.into()) - 1.0,
+        black_dn: output.black_dn,
         world_from_camera: std::array::from_fn(|row| {
             std::array::from_fn(|column| pose[(row, column)])
         }),
@@ -196,11 +206,9 @@ fn count(mask: &Plane<bool>) -> usize {
 /// Samples as they are, in 8 bits or 16; one channel where the camera sees no colour.
 fn write_picture(path: &Path, exposure: &Exposure, model: &CameraModel) -> Result<()> {
     let (width, height) = (pixels(exposure.width()), pixels(exposure.height()));
-    let is_grey = model.colour == Colour::Mono
-        || (model.colour == Colour::Rggb && model.output.demosaic == crate::sensor::Demosaic::Raw);
     let at = |c: usize, x: u32, y: u32| exposure.rgb()[c].at(x as usize, y as usize).round();
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "whole numbers")]
-    let saved = match (is_grey, model.output.bit_depth > 8) {
+    let saved = match (is_grey(model), model.output.bit_depth > 8) {
         (true, false) => {
             ImageBuffer::from_fn(width, height, |x, y| Luma([at(0, x, y) as u8])).save(path)
         }
@@ -219,40 +227,35 @@ fn write_picture(path: &Path, exposure: &Exposure, model: &CameraModel) -> Resul
     saved.map_err(|error| Error::malformed(path, format!("cannot write the picture: {error}")))
 }
 
+/// Whether a camera's pictures have one channel.
+fn is_grey(model: &CameraModel) -> bool {
+    match model.colour {
+        Colour::Rgb => false,
+        Colour::Mono => true,
+        Colour::Rggb => model.output.demosaic == Demosaic::Raw,
+    }
+}
+
 fn pixels(count: usize) -> u32 {
     u32::try_from(count).unwrap_or(u32::MAX)
 }
 
-fn write_light(path: &Path, taken: &Photograph) -> Result<()> {
-    let names: &[&str] = if taken.light.len() == 1 { &["Y"] } else { &["R", "G", "B"] };
+/// One plane, or red, green and blue, as float32.
+fn write_planes(path: &Path, layer: &str, planes: &[Plane<f32>]) -> Result<()> {
+    let names: &[&str] = if planes.len() == 1 { &["Y"] } else { &["R", "G", "B"] };
     let channels = names
         .iter()
-        .zip(&taken.light)
+        .zip(planes)
         .map(|(name, plane)| AnyChannel::new(*name, FlatSamples::F32(plane.samples().to_vec())));
-    let size = (taken.light[0].width(), taken.light[0].height());
+    let size = (planes[0].width(), planes[0].height());
     let layer = Layer::new(
         size,
-        LayerAttributes::named("light"),
+        LayerAttributes::named(layer),
         exr::prelude::Encoding::SMALL_LOSSLESS,
         AnyChannels::sort(channels.collect()),
     );
     Image::from_layer(layer)
         .write()
         .to_file(path)
-        .map_err(|error| Error::malformed(path, format!("cannot write the light: {error}")))
-}
-
-fn refuse_foreign(output: &Path) -> Result<()> {
-    let is_free = match fs::read_dir(output) {
-        Ok(mut entries) => entries.next().is_none() || output.join(MANIFEST).is_file(),
-        Err(error) => error.kind() == std::io::ErrorKind::NotFound,
-    };
-    if is_free {
-        return Ok(());
-    }
-    Err(Error::Other(format!(
-        "{}: is there, but holds no {MANIFEST}: it is not a folder of photographs and would be \
-         overwritten; choose another folder with -o",
-        output.display()
-    )))
+        .map_err(|error| Error::malformed(path, format!("cannot write it: {error}")))
 }

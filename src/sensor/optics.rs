@@ -190,6 +190,8 @@ impl Optics {
         let far = |masses: &Vec<Mass>| {
             masses.iter().map(|mass| mass.x.abs().max(mass.y.abs())).fold(0.0, f64::max)
         };
+        // The many first, while the lattice is a point.
+        blurs.sort_by_key(|masses: &Vec<Mass>| std::cmp::Reverse(masses.len()));
         let across: f64 = 2.0 * blurs.iter().map(far).sum::<f64>();
         let point = Spread::point(FINEST_PX.max(across / MOST_POINTS));
         blurs.iter().fold(point, |spread, blur| spread.convolved(blur))
@@ -254,14 +256,18 @@ fn cell_weight(from_centre: f64, aperture: f64, sigma: f64) -> f64 {
     ((ramp(x + outer) - ramp(x + inner)) - (ramp(x - inner) - ramp(x - outer))) / aperture
 }
 
-/// Point masses of a disc, lighter or heavier by distance from its middle: rings of one width each.
+/// Point masses of a disc, lighter or heavier by distance from its middle, an eighth of a pixel from
+/// each other or less: rings of one width each.
 fn disc(radius: f64, intensity: impl Fn(f64) -> f64) -> Vec<Mass> {
-    const RINGS: u32 = 48;
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "some thousands")]
+    let at_least = |least: u32, value: f64| least.max(value.ceil() as u32);
+    let rings = at_least(48, 8.0 * radius);
     let mut masses = Vec::new();
-    for ring in 0..RINGS {
-        let middle = (f64::from(ring) + 0.5) / f64::from(RINGS) * radius;
+    for ring in 0..rings {
+        let middle = (f64::from(ring) + 0.5) / f64::from(rings) * radius;
         // Evenly spread, and a multiple of four: the centroid is zero.
-        let count = 4 * (2 * ring + 1).min(24);
+        let quarter = 0.5 * std::f64::consts::PI * middle;
+        let count = 4 * at_least((2 * ring + 1).min(24), 8.0 * quarter);
         let share = intensity(middle) * middle / f64::from(count);
         for step in 0..count {
             let angle = 2.0 * std::f64::consts::PI * (f64::from(step) + 0.5) / f64::from(count);
@@ -638,6 +644,20 @@ mod tests {
                 assert!((found / wanted - 1.0).abs() < most, "{optics:?}: {found} {wanted}");
             }
         }
+    }
+
+    #[test]
+    fn a_large_disc_is_even() {
+        let optics = Optics { defocus_radius_px: 14.0, ..Optics::default() };
+        let weights = weights(&kernel(&optics, 4, [0.3, 0.1]));
+        let middle = weights.len() / 2;
+        let inside: Vec<f64> = weights[middle - 36..middle + 36]
+            .iter()
+            .flat_map(|row| row[middle - 36..middle + 36].iter().copied())
+            .collect();
+        let least = inside.iter().copied().fold(f64::INFINITY, f64::min);
+        let most = inside.iter().copied().fold(0.0, f64::max);
+        assert!(most / least < 1.02, "{least} to {most}");
     }
 
     #[test]

@@ -695,3 +695,54 @@ fn a_blurred_junction_goes_through_the_same_camera_as_a_film() {
     let problem = camera.expose_junction(&soft, &pinhole, &shot).expect_err("another blur");
     assert!(problem.chain().contains("a Gaussian blur alone"), "{}", problem.chain());
 }
+
+/// The tests' recipes with their camera `ideal` replaced.
+fn recipes_with(camera: &str) -> tempfile::TempDir {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    crate::support::copy_folder(&crate::support::recipes(), folder.path());
+    std::fs::write(folder.path().join("cameras/ideal.toml"), camera).expect("written");
+    folder
+}
+
+#[test]
+fn a_scene_that_a_lens_folds_is_a_counted_row_and_costs_no_other() {
+    let recipes = recipes_with("[optics.distortion]\nk1 = -3.0\n");
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let output = run(cornerbench()
+        .args(["measure", "plain"])
+        .arg(plain_dataset())
+        .arg("--recipes")
+        .arg(recipes.path())
+        .arg("--output")
+        .arg(folder.path().join("run")));
+    assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
+    assert!(folder.path().join("run/records.parquet").is_file());
+}
+
+#[test]
+fn samples_that_are_not_rounded_are_written_as_floats() {
+    let recipes = recipes_with("[output]\nrounded = false\ntransfer = \"linear\"\n");
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let output = folder.path().join("photographs");
+    let mut command = cornerbench();
+    command.arg("expose").arg(plain_dataset()).args(["--camera", "ideal", "--recipes"]);
+    succeed(command.arg(recipes.path()).arg("--output").arg(&output));
+    let scene = std::fs::read_dir(&output)
+        .expect("photographs")
+        .flatten()
+        .find(|entry| entry.path().is_dir())
+        .expect("a scene");
+    let read = |name: &str| {
+        exr::prelude::read_first_flat_layer_from_file(scene.path().join(name)).expect("EXR")
+    };
+    let (picture, light) = (read("exposure-0.exr"), read("light-0.exr"));
+    for (samples, light) in
+        picture.layer_data.channel_data.list.iter().zip(&light.layer_data.channel_data.list)
+    {
+        for (sample, light) in
+            samples.sample_data.values_as_f32().zip(light.sample_data.values_as_f32())
+        {
+            assert!((sample - 255.0 * light).abs() < 1e-3 * sample.max(1.0), "{sample} {light}");
+        }
+    }
+}
