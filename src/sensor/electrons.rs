@@ -108,6 +108,7 @@ impl Pattern {
     /// That of a plane of a camera, from its name alone.
     pub(super) fn new(sensor: &Sensor, camera: &str, plane: &str, size: [usize; 2]) -> Self {
         let [width, height] = size;
+        let arch = pulp::Arch::new();
         let (mut words, mut deviates) = (vec![0; width], vec![0.0; width]);
         let mut drawn = |kind: &str, mean: f32, deviation: f64| {
             let mut values = Plane::filled(width, height, mean);
@@ -115,7 +116,7 @@ impl Pattern {
                 let mut stream = Stream::named(&["camera", camera, plane, kind]);
                 for y in 0..height {
                     stream.words(index(0, y), &mut words);
-                    normals(&words, &mut deviates);
+                    arch.dispatch(|| normals(&words, &mut deviates));
                     for (value, deviate) in values.row_mut(y).iter_mut().zip(&deviates) {
                         #[allow(clippy::cast_possible_truncation, reason = "f32 holds it")]
                         let deviation = deviation as f32;
@@ -164,9 +165,15 @@ impl<'a> Pixels<'a> {
         }
     }
 
-    /// Turns mean electrons from light into digital numbers, for pixels of a row from (x, y) on.
+    /// Turns light into light as the digital numbers say, for pixels of a row from (x, y) on.
     #[inline(always)]
-    fn read(&mut self, [x, y]: [usize; 2], samples: &mut [f32]) {
+    fn read(
+        &mut self,
+        [x, y]: [usize; 2],
+        to_electrons: &[f32],
+        to_light: &[f32],
+        samples: &mut [f32],
+    ) {
         let sensor = self.sensor;
         self.deviates.resize(samples.len(), 0.0);
         self.words.resize(samples.len(), 0);
@@ -182,26 +189,34 @@ impl<'a> Pixels<'a> {
         .map(|value| value as f32);
         let response = &self.pattern.response.row(y)[x..x + samples.len()];
         let dark_e = &self.pattern.dark_e.row(y)[x..x + samples.len()];
-        for (sample, response) in samples.iter_mut().zip(response) {
-            *sample = *sample * response + mean_dark_e;
+        for ((sample, to_electrons), response) in samples.iter_mut().zip(to_electrons).zip(response)
+        {
+            *sample = *sample * to_electrons * response + mean_dark_e;
         }
         self.shot.words(index(x, y), &mut self.words);
         poisson(&self.words, &mut self.deviates, samples);
         self.read.words(index(x, y), &mut self.words);
         normals(&self.words, &mut self.deviates);
-        for ((sample, read), dark_e) in samples.iter_mut().zip(&self.deviates).zip(dark_e) {
+        for (((sample, read), dark_e), to_light) in
+            samples.iter_mut().zip(&self.deviates).zip(dark_e).zip(to_light)
+        {
             let electrons = sample.min(full_well_e) + read_noise_e * read + dark_e;
-            *sample = (black + gain * electrons + 0.5).floor().clamp(0.0, most);
+            let number = (black + gain * electrons + 0.5).floor().clamp(0.0, most);
+            *sample = (number - black) * to_light;
         }
     }
 }
 
-/// What pixels of a row read of mean electrons, as digital numbers: compiled for the
-/// machine's vectors.
+/// What pixels of a row read: compiled for the machine's vectors.
 pub(super) struct Read<'a, 'b> {
     pub(super) pixels: &'a mut Pixels<'b>,
     /// The first of them.
     pub(super) first: [usize; 2],
+    /// Of each pixel, electrons per light.
+    pub(super) to_electrons: &'a [f32],
+    /// Of each pixel, light per digital number above black.
+    pub(super) to_light: &'a [f32],
+    /// Light, with noise when done.
     pub(super) samples: &'a mut [f32],
 }
 
@@ -210,6 +225,6 @@ impl pulp::WithSimd for Read<'_, '_> {
 
     #[inline(always)]
     fn with_simd<S: pulp::Simd>(self, _: S) {
-        self.pixels.read(self.first, self.samples);
+        self.pixels.read(self.first, self.to_electrons, self.to_light, self.samples);
     }
 }

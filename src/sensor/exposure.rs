@@ -64,16 +64,18 @@ impl Exposure {
             .map(|((red, green), blue)| red.max(*green).max(*blue) >= full)
             .collect();
         let saturated = Plane::from_samples(rgb[0].width(), rgb[0].height(), saturated);
-        Self { rgb, encoding, saturated, noise: None, luma: OnceLock::new() }
+        Self::photographed(rgb, encoding, saturated, None)
     }
 
-    /// The same with what the camera knows: which pixels are saturated, whatever their samples say,
-    /// and its noise.
-    #[must_use]
-    pub(super) fn with(mut self, saturated: Plane<bool>, noise: Option<NoiseModel>) -> Self {
-        self.saturated = saturated;
-        self.noise = noise;
-        self
+    /// An exposure of a camera that knows which pixels are saturated, whatever their samples say, and
+    /// its noise.
+    pub(super) fn photographed(
+        rgb: [Plane<f32>; 3],
+        encoding: Encoding,
+        saturated: Plane<bool>,
+        noise: Option<NoiseModel>,
+    ) -> Self {
+        Self { rgb, encoding, saturated, noise, luma: OnceLock::new() }
     }
 
     /// An 8-bit sRGB exposure of a colour picture.

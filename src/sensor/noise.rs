@@ -49,7 +49,7 @@ pub(super) fn normals(words: &[u32], deviates: &mut [f32]) {
         let size = 1.0 - 2.0 * tail;
         let w = -logarithm(4.0 * tail * (1.0 - tail));
         let v = w - 2.5;
-        let mut near = 2.810_226_4e-8;
+        let mut near: f32 = 2.810_226_4e-8;
         for term in [
             3.432_739_4e-7,
             -3.523_387_7e-6,
@@ -60,10 +60,10 @@ pub(super) fn normals(words: &[u32], deviates: &mut [f32]) {
             0.246_640_73,
             1.501_409_4,
         ] {
-            near = near * v + term;
+            near = near.mul_add(v, term);
         }
         let u = w.max(0.0).sqrt() - 3.0;
-        let mut far = -0.000_200_214_26;
+        let mut far: f32 = -0.000_200_214_26;
         for term in [
             0.000_100_950_56,
             0.001_349_343_2,
@@ -74,7 +74,7 @@ pub(super) fn normals(words: &[u32], deviates: &mut [f32]) {
             1.001_674,
             2.832_976_8,
         ] {
-            far = far * u + term;
+            far = far.mul_add(u, term);
         }
         let magnitude = std::f32::consts::SQRT_2 * size * if w < 5.0 { near } else { far };
         *deviate = if is_low { -magnitude } else { magnitude };
@@ -111,9 +111,20 @@ const SMALL_MEAN: f32 = 16.0;
 #[inline(always)]
 pub(super) fn poisson(words: &[u32], deviates: &mut [f32], means: &mut [f32]) {
     normals(words, deviates);
-    for ((mean, &deviate), &word) in means.iter_mut().zip(&*deviates).zip(words) {
-        *mean = if *mean >= SMALL_MEAN { expanded(*mean, deviate) } else { added_up(*mean, word) };
+    // All as if they were large: without a branch, so that several are computed at once.
+    let mut small = 0;
+    for (deviate, &mean) in deviates.iter_mut().zip(&*means) {
+        small += u32::from(mean < SMALL_MEAN);
+        *deviate = expanded(mean.max(SMALL_MEAN), *deviate);
     }
+    if small > 0 {
+        for ((deviate, &mean), &word) in deviates.iter_mut().zip(&*means).zip(words) {
+            if mean < SMALL_MEAN {
+                *deviate = added_up(mean, word);
+            }
+        }
+    }
+    means.copy_from_slice(deviates);
 }
 
 #[inline(always)]

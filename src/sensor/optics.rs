@@ -2,16 +2,16 @@
 //!
 //! A pixel's value is the integral of the film, constant over each of its cells, against the point
 //! spread function convolved with the pixel's aperture. Of a Gaussian and a square aperture that
-//! integral has a closed form and factors into columns and rows. Discs, diffraction, motion and
-//! pictures of a point spread function are many point masses on a fine lattice, each convolved with
-//! that closed form; their weights are factored into a few products of columns and rows.
+//! integral has a closed form. Discs, diffraction, motion and pictures of a point spread function are
+//! many point masses on a fine lattice, each convolved with that closed form.
 
 use nalgebra::DMatrix;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::geometry::Distortion;
-use crate::image::{PixelRange, Plane};
+use crate::image::Plane;
+use crate::sensor::kernel::Kernel;
 
 /// What lies between the scene and the pixels. Blurs that are given are convolved with each other.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -80,23 +80,6 @@ const GAUSSIAN_REACH: f64 = 5.0;
 
 /// The diffraction pattern is cut off at so many radii of its first dark ring: there it holds 97 %.
 const AIRY_REACH: f64 = 8.0;
-
-/// Products of columns and rows are dropped where they change no weight by more than this share of
-/// the largest one.
-const NEGLIGIBLE: f64 = 1e-7;
-
-/// The weights of film cells in a pixel at one phase; the same for all pixels.
-#[derive(Clone, Debug)]
-pub struct Kernel {
-    oversampling: usize,
-    /// Column and row of the first cell that counts, from pixel (0, 0)'s first cell.
-    first: [isize; 2],
-    /// Products of columns and rows whose sum the weights are; the weights sum to 1.
-    terms: Vec<[Vec<f32>; 2]>,
-    phase_px: [f64; 2],
-    /// First moment of the weights about the pixel's centre: zero but for rounding.
-    centroid_px: [f64; 2],
-}
 
 /// All blurs but the Gaussian, as point masses on a lattice: the same at every phase.
 #[derive(Clone, Debug)]
@@ -226,15 +209,15 @@ impl Optics {
         };
         let (x_centre, x_first, across) = profiles(0);
         let (y_centre, y_first, down) = profiles(1);
-        let mut weights = down * &spread.masses * across.transpose();
-        weights /= weights.sum();
-        Kernel {
-            oversampling: oversampling as usize,
-            first: [x_first, y_first],
-            centroid_px: centroid_px(&weights, [x_first, y_first], [x_centre, y_centre], scale),
-            terms: factored(weights, spread.is_point()),
+        let weights = down * &spread.masses * across.transpose();
+        Kernel::new(
+            oversampling as usize,
+            [x_first, y_first],
+            [x_centre, y_centre],
             phase_px,
-        }
+            weights,
+            spread.is_point(),
+        )
     }
 }
 
@@ -323,211 +306,6 @@ fn normalised(mut masses: Vec<Mass>) -> Vec<Mass> {
     masses
 }
 
-fn centroid_px(
-    weights: &DMatrix<f64>,
-    first: [isize; 2],
-    centre: [f64; 2],
-    scale: f64,
-) -> [f64; 2] {
-    let mut moment = [0.0, 0.0];
-    for (row, line) in weights.row_iter().enumerate() {
-        for (column, weight) in line.iter().enumerate() {
-            moment[0] += weight * (first[0] as f64 + column as f64 + 0.5 - centre[0]);
-            moment[1] += weight * (first[1] as f64 + row as f64 + 0.5 - centre[1]);
-        }
-    }
-    moment.map(|value| value / scale)
-}
-
-/// Weights as a sum of products of a column and a row.
-#[allow(clippy::cast_possible_truncation, reason = "weights are kept as f32")]
-fn factored(weights: DMatrix<f64>, is_product: bool) -> Vec<[Vec<f32>; 2]> {
-    if is_product {
-        let across = weights.row_sum().iter().map(|&x| x as f32).collect();
-        return vec![[across, weights.column_sum().iter().map(|&y| y as f32).collect()]];
-    }
-    let found = weights.svd(true, true);
-    let (Some(down), Some(across)) = (found.u, found.v_t) else { return Vec::new() };
-    let values = &found.singular_values;
-    (0..values.len())
-        .filter(|&index| values[index] > NEGLIGIBLE * values[0])
-        .map(|index| {
-            let root = values[index].sqrt();
-            [
-                across.row(index).iter().map(|&x| (x * root) as f32).collect(),
-                down.column(index).iter().map(|&y| (y * root) as f32).collect(),
-            ]
-        })
-        .collect()
-}
-
-/// Columns of film or of a picture that are added up at a time: their sums stay in registers.
-const BLOCK: usize = 32;
-
-/// Memory that [`Kernel::gather`] needs; kept from call to call.
-#[derive(Debug, Default)]
-pub struct GatherBuffers {
-    sums: Vec<f32>,
-    phases: Vec<f32>,
-}
-
-impl Kernel {
-    /// Where in the film's image the centre of pixel (0, 0) is \[px\].
-    pub fn phase_px(&self) -> [f64; 2] {
-        self.phase_px
-    }
-
-    /// Centroid of blur and aperture, from the pixel's centre \[px\].
-    pub fn centroid_px(&self) -> [f64; 2] {
-        self.centroid_px
-    }
-
-    /// How many products of a column and a row the weights are: 1 of a Gaussian blur.
-    pub fn rank(&self) -> usize {
-        self.terms.len()
-    }
-
-    /// The light on the pixels of `window` from one channel of the film, which is continued at its
-    /// border. The time goes with the window's area and the number of products.
-    pub fn gather(
-        &self,
-        film: &Plane<f32>,
-        window: PixelRange,
-        buffers: &mut GatherBuffers,
-        light: &mut Plane<f32>,
-    ) {
-        for (index, [across, down]) in self.terms.iter().enumerate() {
-            let adds = index > 0;
-            let light = &mut *light;
-            let buffers = &mut *buffers;
-            pulp::Arch::new().dispatch(Gather {
-                kernel: self,
-                film,
-                window,
-                buffers,
-                light,
-                across,
-                down,
-                adds,
-            });
-        }
-    }
-}
-
-/// One product of a column and a row of weights, over a window: compiled for the machine's vectors.
-struct Gather<'a> {
-    kernel: &'a Kernel,
-    film: &'a Plane<f32>,
-    window: PixelRange,
-    buffers: &'a mut GatherBuffers,
-    light: &'a mut Plane<f32>,
-    across: &'a [f32],
-    down: &'a [f32],
-    adds: bool,
-}
-
-impl pulp::WithSimd for Gather<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: pulp::Simd>(self, _: S) {
-        let Self { kernel, film, window, buffers, light, across, down, adds } = self;
-        let scale = kernel.oversampling;
-        // The film's columns that the window needs, from `left` on, to a whole number of pixels.
-        let left = kernel.first[0] + (window.x0 * scale).cast_signed();
-        let pixels = window.width() + across.len().div_ceil(scale);
-        let needed = pixels * scale;
-        buffers.sums.resize(needed, 0.0);
-        buffers.phases.resize(needed, 0.0);
-        let mut rows: Vec<&[f32]> = Vec::with_capacity(down.len());
-        for y in 0..window.height() {
-            let top = kernel.first[1] + ((window.y0 + y) * scale).cast_signed();
-            rows.clear();
-            rows.extend((0..down.len()).map(|tap| {
-                let y = (top + tap.cast_signed()).clamp(0, film.height().cast_signed() - 1);
-                film.row(y.unsigned_abs())
-            }));
-            add_rows(&rows, left, down, &mut buffers.sums);
-            // Columns of the same phase next to each other, so that neighbours are added up at once.
-            for (phase, row) in buffers.phases.chunks_exact_mut(pixels).enumerate() {
-                for (to, from) in row.iter_mut().zip(buffers.sums[phase..].iter().step_by(scale)) {
-                    *to = *from;
-                }
-            }
-            add_columns(&buffers.phases, pixels, scale, across, light.row_mut(y), adds);
-        }
-    }
-}
-
-/// Adds up weighted rows of a film from column `left` on, into `sums`.
-#[inline(always)]
-fn add_rows(rows: &[&[f32]], left: isize, weights: &[f32], sums: &mut [f32]) {
-    let width = rows.first().map_or(0, |row| row.len()).cast_signed();
-    let count = sums.len().cast_signed();
-    let first = (-left).clamp(0, count).unsigned_abs();
-    let end = (width - left).clamp(first.cast_signed(), count).unsigned_abs();
-    let start = (left + first.cast_signed()).clamp(0, width - 1).unsigned_abs();
-    let inside = &mut sums[first..end];
-    inside.fill(0.0);
-    // Whole rows, four at a time: the film is read in the order of memory.
-    for (rows, weights) in rows.chunks(4).zip(weights.chunks(4)) {
-        let part = |index: usize| &rows[index.min(rows.len() - 1)][start..start + inside.len()];
-        let weight = |index: usize| weights.get(index).copied().unwrap_or(0.0);
-        let ((a, b), (c, d)) = ((part(0), part(1)), (part(2), part(3)));
-        let (wa, wb, wc, wd) = (weight(0), weight(1), weight(2), weight(3));
-        for ((((sum, a), b), c), d) in inside.iter_mut().zip(a).zip(b).zip(c).zip(d) {
-            *sum += (wa * a + wb * b) + (wc * c + wd * d);
-        }
-    }
-    // Beyond the film's border: what is at it.
-    let border = |x: isize| {
-        let x = x.unsigned_abs();
-        rows.iter().zip(weights).map(|(row, weight)| weight * row[x]).sum::<f32>()
-    };
-    if first > 0 {
-        sums[..first].fill(border(0));
-    }
-    if end < sums.len() {
-        sums[end..].fill(border(width - 1));
-    }
-}
-
-#[inline(always)]
-fn row_block(row: &[f32], from: usize) -> &[f32; BLOCK] {
-    row[from..from + BLOCK].try_into().unwrap_or(&[0.0; BLOCK])
-}
-
-/// Adds up weighted columns, which lie by phase, of every pixel of a row.
-#[inline(always)]
-fn add_columns(
-    phases: &[f32],
-    pixels: usize,
-    scale: usize,
-    weights: &[f32],
-    light: &mut [f32],
-    adds: bool,
-) {
-    for (block, light) in light.chunks_mut(BLOCK).enumerate() {
-        let mut added = [0.0_f32; BLOCK];
-        for (tap, &weight) in weights.iter().enumerate() {
-            let from = (tap % scale) * pixels + tap / scale + block * BLOCK;
-            if light.len() == BLOCK {
-                let row: &[f32; BLOCK] = row_block(phases, from);
-                for (sum, value) in added.iter_mut().zip(row) {
-                    *sum += weight * value;
-                }
-            } else {
-                for (sum, value) in added.iter_mut().zip(&phases[from..from + light.len()]) {
-                    *sum += weight * value;
-                }
-            }
-        }
-        for (light, sum) in light.iter_mut().zip(&added) {
-            *light = if adds { *light + sum } else { *sum };
-        }
-    }
-}
-
 /// Relative illumination of a pixel by its distance from the middle of a frame \[px\].
 pub(super) fn illumination(
     corner: f64,
@@ -545,10 +323,10 @@ pub(super) fn illumination(
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
 
-    fn some_optics() -> Vec<Optics> {
+    pub(in crate::sensor) fn some_optics() -> Vec<Optics> {
         let none = Optics::default();
         vec![
             none.clone(),
@@ -566,36 +344,26 @@ mod tests {
         ]
     }
 
-    fn kernel(optics: &Optics, oversampling: u32, phase_px: [f64; 2]) -> Kernel {
+    pub(in crate::sensor) fn kernel(
+        optics: &Optics,
+        oversampling: u32,
+        phase_px: [f64; 2],
+    ) -> Kernel {
         optics.kernel(oversampling, phase_px, &optics.spread(None))
-    }
-
-    /// The weights as a matrix, row by row, from the kernel's products.
-    fn weights(kernel: &Kernel) -> Vec<Vec<f64>> {
-        let [across, down] = &kernel.terms[0];
-        let mut sums = vec![vec![0.0; across.len()]; down.len()];
-        for [across, down] in &kernel.terms {
-            for (row, y) in sums.iter_mut().zip(down) {
-                for (sum, x) in row.iter_mut().zip(across) {
-                    *sum += f64::from(*x) * f64::from(*y);
-                }
-            }
-        }
-        sums
     }
 
     /// Moments of the weights about the pixel's centre \[px\]: sum, mean and variance across and down.
     fn moments(kernel: &Kernel) -> (f64, [f64; 2], [f64; 2]) {
-        let scale = kernel.oversampling as f64;
+        let scale = kernel.oversampling() as f64;
         let (mut sum, mut mean, mut square) = (0.0, [0.0; 2], [0.0; 2]);
-        for (row, line) in weights(kernel).iter().enumerate() {
+        for (row, line) in kernel.matrix().iter().enumerate() {
             for (column, weight) in line.iter().enumerate() {
                 let at = [column, row].map(|index| index as f64 + 0.5);
                 sum += weight;
                 for axis in 0..2 {
-                    let place = (kernel.first[axis] as f64 + at[axis]) / scale
+                    let place = (kernel.first()[axis] as f64 + at[axis]) / scale
                         - 0.5
-                        - kernel.phase_px[axis];
+                        - kernel.phase_px()[axis];
                     mean[axis] += weight * place;
                     square[axis] += weight * place * place;
                 }
@@ -613,7 +381,7 @@ mod tests {
                 assert!((sum - 1.0).abs() < 1e-6, "{optics:?}: {sum}");
                 let far = mean[0].hypot(mean[1]);
                 assert!(far < 1e-4, "{optics:?} {phase:?}: {mean:?}");
-                assert!((kernel.centroid_px[0] - mean[0]).abs() < 1e-6);
+                assert!((kernel.centroid_px()[0] - mean[0]).abs() < 1e-6);
             }
         }
     }
@@ -649,7 +417,7 @@ mod tests {
     #[test]
     fn a_large_disc_is_even() {
         let optics = Optics { defocus_radius_px: 14.0, ..Optics::default() };
-        let weights = weights(&kernel(&optics, 4, [0.3, 0.1]));
+        let weights = kernel(&optics, 4, [0.3, 0.1]).matrix();
         let middle = weights.len() / 2;
         let inside: Vec<f64> = weights[middle - 36..middle + 36]
             .iter()
@@ -665,14 +433,14 @@ mod tests {
         // Brute force: a fine sum over aperture and cell.
         let optics = Optics { gaussian_sigma_px: 0.6, fill_factor: 0.64, ..Optics::default() };
         let kernel = kernel(&optics, 4, [0.3, -0.2]);
-        let found = weights(&kernel);
+        let found = kernel.matrix();
         let density =
             |x: f64| (-0.5 * (x / 0.6).powi(2)).exp() / (0.6 * (2.0 * std::f64::consts::PI).sqrt());
         let along = |axis: usize, index: usize| {
             const STEPS: u32 = 200;
-            let middle = (kernel.first[axis] as f64 + index as f64 + 0.5) / 4.0
+            let middle = (kernel.first()[axis] as f64 + index as f64 + 0.5) / 4.0
                 - 0.5
-                - kernel.phase_px[axis];
+                - kernel.phase_px()[axis];
             let part = |step: u32| (f64::from(step) + 0.5) / f64::from(STEPS) - 0.5;
             let mut sum = 0.0;
             for cell in 0..STEPS {
@@ -686,114 +454,6 @@ mod tests {
             let down = along(1, row);
             for (column, weight) in line.iter().enumerate().step_by(3) {
                 assert!((weight - along(0, column) * down).abs() < 2e-6, "{row} {column}");
-            }
-        }
-    }
-
-    fn speckled(width: usize, height: usize) -> Plane<f32> {
-        Plane::from_fn(width, height, |x, y| ((x * 7919 + y * 104_729) % 97) as f32 / 97.0)
-    }
-
-    #[test]
-    fn gathering_is_the_weighted_sum_of_cells_also_at_the_border_and_in_a_window() {
-        let film = speckled(4 * 45, 4 * 38);
-        let mut buffers = GatherBuffers::default();
-        for optics in some_optics() {
-            for phase in [[0.0, 0.0], [0.4, -0.3]] {
-                let kernel = kernel(&optics, 4, phase);
-                let weights = weights(&kernel);
-                let direct = |x: usize, y: usize| {
-                    let mut sum = 0.0;
-                    for (row, line) in (0..).zip(&weights) {
-                        for (column, weight) in (0..).zip(line) {
-                            let at = film.at_replicated(
-                                kernel.first[0] + 4 * x.cast_signed() + column,
-                                kernel.first[1] + 4 * y.cast_signed() + row,
-                            );
-                            sum += weight * f64::from(at);
-                        }
-                    }
-                    sum
-                };
-                for window in [
-                    PixelRange { x0: 0, y0: 0, x1: 45, y1: 38 },
-                    PixelRange { x0: 5, y0: 30, x1: 44, y1: 37 },
-                ] {
-                    let mut light = Plane::filled(window.width(), window.height(), 9.0);
-                    kernel.gather(&film, window, &mut buffers, &mut light);
-                    for y in 0..window.height() {
-                        for x in 0..window.width() {
-                            let wanted = direct(window.x0 + x, window.y0 + y);
-                            let found = f64::from(light.at(x, y));
-                            assert!((found - wanted).abs() < 3e-6, "{optics:?} {x} {y}");
-                        }
-                    }
-                }
-            }
-        }
-    }
-
-    #[test]
-    fn a_phase_of_one_cell_moves_the_picture_by_one_cell() {
-        let film = speckled(4 * 20, 4 * 20);
-        let moved = Plane::from_fn(80, 80, |x, y| {
-            film.at_replicated(x.cast_signed() + 1, y.cast_signed() - 2)
-        });
-        let optics = Optics { gaussian_sigma_px: 0.5, ..Optics::default() };
-        let gathered = |film: &Plane<f32>, phase: [f64; 2]| {
-            let mut light = Plane::filled(20, 20, 0.0);
-            let window = PixelRange { x0: 0, y0: 0, x1: 20, y1: 20 };
-            kernel(&optics, 4, phase).gather(
-                film,
-                window,
-                &mut GatherBuffers::default(),
-                &mut light,
-            );
-            light
-        };
-        let (ahead, beside) = (gathered(&film, [0.25, -0.5]), gathered(&moved, [0.0, 0.0]));
-        for y in 5..15 {
-            for x in 5..15 {
-                assert!((ahead.at(x, y) - beside.at(x, y)).abs() < 1e-6, "{x} {y}");
-            }
-        }
-    }
-
-    #[test]
-    fn the_mean_of_light_is_the_mean_of_the_film() {
-        // Dark about a lit middle: nothing is lost beyond the border.
-        let film = Plane::from_fn(4 * 64, 4 * 64, |x, y| {
-            if (96..160).contains(&x) && (80..176).contains(&y) {
-                0.2 + ((x * 31 + y * 17) % 50) as f32 / 50.0
-            } else {
-                0.0
-            }
-        });
-        let mean = |plane: &Plane<f32>| {
-            let sum: f64 = plane.samples().iter().map(|&v| f64::from(v)).sum();
-            sum / plane.samples().len() as f64
-        };
-        for optics in some_optics() {
-            let mut light = Plane::filled(64, 64, 0.0);
-            let window = PixelRange { x0: 0, y0: 0, x1: 64, y1: 64 };
-            let kernel = kernel(&optics, 4, [0.31, 0.17]);
-            kernel.gather(&film, window, &mut GatherBuffers::default(), &mut light);
-            assert!((mean(&light) / mean(&film) - 1.0).abs() < 1e-6, "{optics:?}");
-        }
-    }
-
-    #[test]
-    fn a_point_sampled_pixel_sees_one_cell_and_says_which() {
-        let film = speckled(4 * 10, 4 * 10);
-        let optics = Optics { fill_factor: 0.0, ..Optics::default() };
-        let kernel = kernel(&optics, 4, [0.0, 0.0]);
-        assert!(kernel.phase_px().iter().all(|phase| (phase - 0.125).abs() < 1e-12));
-        let mut light = Plane::filled(10, 10, 0.0);
-        let window = PixelRange { x0: 0, y0: 0, x1: 10, y1: 10 };
-        kernel.gather(&film, window, &mut GatherBuffers::default(), &mut light);
-        for y in 0..10 {
-            for x in 0..10 {
-                assert!((light.at(x, y) - film.at(4 * x + 2, 4 * y + 2)).abs() < 1e-6);
             }
         }
     }

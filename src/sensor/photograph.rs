@@ -9,8 +9,9 @@ use crate::junction::BlurredJunction;
 use crate::scene::Film;
 use crate::sensor::distort::distorted;
 use crate::sensor::electrons::{Pattern, Pixels, Read};
+use crate::sensor::kernel::{GatherBuffers, Kernel};
 use crate::sensor::mosaic::{demosaiced, filter};
-use crate::sensor::optics::{GatherBuffers, Kernel, Spread, illumination};
+use crate::sensor::optics::{Spread, illumination};
 use crate::sensor::transfer::Quantiser;
 use crate::sensor::{
     CameraModel, Colour, Demosaic, Encoding, Exposure, NoiseModel, Sensor, Transfer,
@@ -67,7 +68,7 @@ impl Photographer {
         let output = &model.output;
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "at most 65535")]
         let quantiser = output.rounded.then(|| {
-            Quantiser::new(output.curve(), (2.0_f64.powi(output.bit_depth.into()) - 1.0) as u32)
+            Quantiser::new(output.curve(), (2.0_f64.powi(output.bit_depth.into()) - 1.0) as u16)
         });
         Self {
             name: name.to_owned(),
@@ -255,7 +256,7 @@ impl Photographer {
             ..*camera
         };
         Photograph {
-            exposure: Exposure::new(rgb, encoding).with(saturated, self.noise()),
+            exposure: Exposure::photographed(rgb, encoding, saturated, self.noise()),
             camera,
             light,
         }
@@ -268,7 +269,7 @@ impl Photographer {
         [width, height]: [usize; 2],
         window: PixelRange,
     ) -> Vec<Plane<f32>> {
-        let mut planes = planes.to_vec();
+        let mut planes = Vec::from(planes);
         let corner = self.model.optics.corner_illumination;
         if corner < 1.0 {
             let share = illumination(corner, width, height);
@@ -369,27 +370,23 @@ impl Photographer {
         let pattern = self.pattern(sensor, channel, frame);
         let mut pixels = Pixels::new(sensor, &pattern, shot.name, PLANES[channel]);
         let is_mosaic = self.model.colour == Colour::Rggb;
+        let is_raw = is_mosaic && self.model.output.demosaic == Demosaic::Raw;
+        let own = |x: usize, y: usize| if is_mosaic { filter(x, y) } else { channel };
+        // What the filters of an even and of an odd row make of light, and of raw numbers.
         #[allow(clippy::cast_possible_truncation, reason = "f32 holds them to 1e-7")]
-        let ([electrons, scale], black) = (
-            [electrons, scale].map(|values| values.map(|value| value as f32)),
-            sensor.black_level_dn as f32,
-        );
-        let raw = is_mosaic && self.model.output.demosaic == Demosaic::Raw;
-        for y in 0..window.height() {
-            let row_in_frame = window.y0 + y;
-            let row = plane.row_mut(y);
-            let own = |x: usize| {
-                if is_mosaic { filter(window.x0 + x, row_in_frame) } else { channel }
-            };
-            for (x, sample) in row.iter_mut().enumerate() {
-                *sample *= electrons[own(x)];
-            }
-            let first = [window.x0, row_in_frame];
-            arch.dispatch(Read { pixels: &mut pixels, first, samples: row });
-            for (x, sample) in row.iter_mut().enumerate() {
+        let factors: [[Vec<f32>; 2]; 2] = [0, 1].map(|parity| {
+            let columns = window.x0..window.x1;
+            [
+                columns.clone().map(|x| electrons[own(x, parity)] as f32).collect(),
                 // Raw samples keep the sensor's colours.
-                *sample = (*sample - black) * scale[if raw { 1 } else { own(x) }];
-            }
+                columns.map(|x| scale[if is_raw { 1 } else { own(x, parity) }] as f32).collect(),
+            ]
+        });
+        for y in 0..window.height() {
+            let [to_electrons, to_light] = &factors[(window.y0 + y) % 2];
+            let first = [window.x0, window.y0 + y];
+            let samples = plane.row_mut(y);
+            arch.dispatch(Read { pixels: &mut pixels, first, to_electrons, to_light, samples });
         }
     }
 
@@ -429,17 +426,19 @@ impl Photographer {
             ((2.0_f64.powi(output.bit_depth.into()) - 1.0) as f32, output.black_dn as f32);
         let curve = output.curve();
         for plane in &mut planes {
-            for sample in plane.samples_mut() {
-                *sample = match (&self.quantiser, curve) {
-                    (Some(_), Transfer::Linear) => {
-                        (black + *sample * (full - black) + 0.5).floor().clamp(0.0, full)
-                    }
-                    (None, Transfer::Linear) => black + *sample * (full - black),
-                    #[allow(clippy::cast_precision_loss, reason = "at most 65535")]
-                    (Some(quantiser), _) => quantiser.number(*sample) as f32,
-                    #[allow(clippy::cast_possible_truncation, reason = "at most 65535")]
-                    (None, _) => curve.encode(f64::from(sample.clamp(0.0, 1.0))) as f32 * full,
-                };
+            let samples = plane.samples_mut().iter_mut();
+            match (&self.quantiser, curve) {
+                (Some(_), Transfer::Linear) => samples.for_each(|sample| {
+                    *sample = (black + *sample * (full - black) + 0.5).floor().clamp(0.0, full);
+                }),
+                (None, Transfer::Linear) => {
+                    samples.for_each(|sample| *sample = black + *sample * (full - black));
+                }
+                (Some(quantiser), _) => quantiser.quantise(plane.samples_mut()),
+                #[allow(clippy::cast_possible_truncation, reason = "at most 65535")]
+                (None, _) => samples.for_each(|sample| {
+                    *sample = curve.encode(f64::from(sample.clamp(0.0, 1.0))) as f32 * full;
+                }),
             }
         }
         let rgb: [Plane<f32>; 3] = match <[Plane<f32>; 3]>::try_from(planes) {

@@ -53,47 +53,86 @@ impl Transfer {
 /// A curve followed by rounding to whole numbers, from a table: exactly what the formula gives.
 #[derive(Clone, Debug)]
 pub(super) struct Quantiser {
-    /// The smallest light of every number but the first.
-    thresholds: Vec<f32>,
+    /// The smallest light of every number but the first; then what no light reaches.
+    thresholds: Box<[f32; NUMBERS]>,
     /// Of each of the table's equal steps of light: the number at its beginning.
-    starts: Vec<u32>,
+    starts: Box<[u32; 2 * STEPS]>,
 }
 
-/// Equal steps of light in the table.
-const STEPS: usize = 4096;
+/// The largest numbers have 16 bits; powers of two let an index be masked instead of checked.
+const NUMBERS: usize = 1 << 16;
+
+/// Equal steps of light: of 8 bits there is at most one threshold in a step, but for the darkest.
+const STEPS: usize = 1 << 12;
 
 impl Quantiser {
-    /// The curve, to numbers from 0 to `most`.
-    pub(super) fn new(transfer: Transfer, most: u32) -> Self {
-        let thresholds: Vec<f32> = (0..most)
-            .map(|number| {
-                let light = transfer.decode((f64::from(number) + 0.5) / f64::from(most));
-                #[allow(clippy::cast_possible_truncation, reason = "rounded upwards next")]
-                let near = light as f32;
-                if f64::from(near) < light { near.next_up() } else { near }
-            })
-            .collect();
-        let starts = (0..=STEPS)
-            .map(|step| {
-                let light = step as f32 / STEPS as f32;
-                u32::try_from(thresholds.partition_point(|&t| t <= light)).unwrap_or(most)
-            })
-            .collect();
+    /// The curve, to numbers from 0 to `most`, which has 16 bits.
+    pub(super) fn new(transfer: Transfer, most: u16) -> Self {
+        let mut thresholds = boxed([f32::INFINITY; NUMBERS]);
+        for (threshold, number) in thresholds.iter_mut().zip(0..most) {
+            let light = transfer.decode((f64::from(number) + 0.5) / f64::from(most));
+            #[allow(clippy::cast_possible_truncation, reason = "rounded upwards next")]
+            let near = light as f32;
+            *threshold = if f64::from(near) < light { near.next_up() } else { near };
+        }
+        let mut starts = boxed([u32::from(most); 2 * STEPS]);
+        for (step, start) in starts.iter_mut().enumerate().take(STEPS + 1) {
+            let light = step as f32 / STEPS as f32;
+            let below = thresholds.partition_point(|&threshold| threshold <= light);
+            *start = u32::try_from(below).unwrap_or(u32::MAX).min(u32::from(most));
+        }
         Self { thresholds, starts }
     }
 
-    /// The number of a light; light beyond \[0, 1\] counts as its end.
-    #[inline]
-    pub(super) fn number(&self, light: f32) -> u32 {
-        let light = light.clamp(0.0, 1.0);
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "0..=4096")]
-        let mut number = self.starts[(light * STEPS as f32) as usize] as usize;
-        while number < self.thresholds.len() && self.thresholds[number] <= light {
-            number += 1;
+    /// Turns light into numbers; light beyond \[0, 1\] counts as its end.
+    pub(super) fn quantise(&self, samples: &mut [f32]) {
+        // In parts that stay in the cache between the two passes.
+        for samples in samples.chunks_mut(1024) {
+            pulp::Arch::new().dispatch(Quantise { quantiser: self, samples });
         }
-        #[allow(clippy::cast_possible_truncation, reason = "at most 65535")]
-        let number = number as u32;
-        number
+    }
+
+    fn threshold(&self, number: u32) -> f32 {
+        self.thresholds[number as usize % NUMBERS]
+    }
+}
+
+fn boxed<T: Copy, const COUNT: usize>(values: [T; COUNT]) -> Box<[T; COUNT]> {
+    Box::new(values)
+}
+
+/// Numbers of light: compiled for the machine's vectors.
+struct Quantise<'a> {
+    quantiser: &'a Quantiser,
+    samples: &'a mut [f32],
+}
+
+impl pulp::WithSimd for Quantise<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "0..=65535")]
+    #[allow(clippy::cast_precision_loss, reason = "0..=65535")]
+    fn with_simd<S: pulp::Simd>(self, _: S) {
+        let Self { quantiser, samples } = self;
+        // One threshold is passed or not, without a branch.
+        let (mut numbers, mut unfinished) = ([0; 1024], 0);
+        for (number, light) in numbers.iter_mut().zip(&*samples) {
+            let light = light.clamp(0.0, 1.0);
+            let start = quantiser.starts[(light * STEPS as f32) as usize % (2 * STEPS)];
+            *number = start + u32::from(quantiser.threshold(start) <= light);
+            unfinished += u32::from(quantiser.threshold(*number) <= light);
+        }
+        if unfinished > 0 {
+            for (number, light) in numbers.iter_mut().zip(&*samples) {
+                while quantiser.threshold(*number) <= light.min(1.0) {
+                    *number += 1;
+                }
+            }
+        }
+        for (sample, number) in samples.iter_mut().zip(numbers) {
+            *sample = number as f32;
+        }
     }
 }
 
@@ -133,17 +172,20 @@ mod tests {
     #[test]
     fn the_table_gives_what_the_formula_gives() {
         for transfer in ALL {
-            for most in [255_u32, 4095] {
+            for most in [255_u16, 4095, 65535] {
                 let table = Quantiser::new(transfer, most);
-                for step in 0..=30_000_u16 {
-                    let light = f32::from(step) / 30_000.0;
+                let lights: Vec<f32> = (0..=30_000_u16).map(|step| f32::from(step) / 3e4).collect();
+                let mut numbers = lights.clone();
+                table.quantise(&mut numbers);
+                for (&light, &number) in lights.iter().zip(&numbers) {
                     let exact = transfer.encode(f64::from(light)) * f64::from(most);
-                    let found = f64::from(table.number(light));
                     // Within rounding of a half either number is right.
-                    assert!((found - exact).abs() <= 0.5 + 1e-7, "{transfer:?} {light}: {found}");
+                    let far = (f64::from(number) - exact).abs();
+                    assert!(far <= 0.5 + 1e-7, "{transfer:?} {light}: {number}");
                 }
-                assert_eq!(table.number(-1.0), 0);
-                assert_eq!(table.number(7.0), most);
+                let mut beyond = [-1.0, 7.0];
+                table.quantise(&mut beyond);
+                assert_eq!(beyond, [0.0, f32::from(most)]);
             }
         }
     }
