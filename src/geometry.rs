@@ -208,6 +208,21 @@ impl Camera {
         Point3::from(self.ray(point) * depth_m)
     }
 
+    /// The camera with the same field of view and another number of pixels across and down.
+    #[must_use]
+    pub fn resized(&self, [width, height]: [usize; 2]) -> Self {
+        let scale = [width as f64 / f64::from(self.width), height as f64 / f64::from(self.height)];
+        Self {
+            width: u32::try_from(width).unwrap_or(u32::MAX),
+            height: u32::try_from(height).unwrap_or(u32::MAX),
+            fx_px: self.fx_px * scale[0],
+            fy_px: self.fy_px * scale[1],
+            cx_px: (self.cx_px + 0.5) * scale[0] - 0.5,
+            cy_px: (self.cy_px + 0.5) * scale[1] - 0.5,
+            distortion: self.distortion,
+        }
+    }
+
     /// Whether `point` lies on the sensor, pixel areas included.
     pub fn contains(&self, point: ImagePoint) -> bool {
         (-0.5..f64::from(self.width) - 0.5).contains(&point.x)

@@ -12,7 +12,7 @@ use crate::error::{Error, Result};
 use crate::grasp::{ESTIMATORS, FaceSelector, GraspEstimator, SELECTORS};
 use crate::refine::{REFINERS, Refiner};
 use crate::registry::{self, Entry};
-use crate::sensor::{CameraModel, Photographer};
+use crate::sensor::{CameraModel, Photographer, RangeSensor};
 use crate::target::{EXTRACTORS, TargetExtractor};
 
 /// What to measure, read and checked.
@@ -25,6 +25,10 @@ pub struct Plan {
     pub camera: String,
     /// The camera.
     pub photographer: Photographer,
+    /// Name of the range sensor.
+    pub range_sensor: String,
+    /// The range sensor.
+    pub range_sensor_model: RangeSensor,
     /// How far a detection may lie from the corner it is matched to \[px\].
     pub gate_px: f64,
     /// The pipelines, in the order of the file.
@@ -83,6 +87,8 @@ struct PlanFile {
     summary: String,
     /// A file of the folder `cameras`.
     camera: String,
+    /// A file of the folder `range-sensors`.
+    range_sensor: String,
     /// How far a detection may lie from the corner it is matched to \[px\].
     #[schemars(range(min = 0.01, max = 100.0))]
     gate_px: f64,
@@ -93,7 +99,13 @@ struct PlanFile {
 
 impl Default for PlanFile {
     fn default() -> Self {
-        Self { summary: String::new(), camera: "ideal".into(), gate_px: 5.0, pipelines: Vec::new() }
+        Self {
+            summary: String::new(),
+            camera: "ideal".into(),
+            range_sensor: "ideal".into(),
+            gate_px: 5.0,
+            pipelines: Vec::new(),
+        }
     }
 }
 
@@ -184,6 +196,7 @@ impl Plan {
         let (place, table) = read_table(recipes, "plans", name)?;
         let file: PlanFile = registry::parameters(&place, &table)?;
         let photographer = read_camera(recipes, &file.camera)?;
+        let range_sensor_model = read_range_sensor(recipes, &file.range_sensor)?;
         let pipelines = file
             .pipelines
             .iter()
@@ -204,6 +217,8 @@ impl Plan {
             summary: file.summary,
             camera: file.camera,
             photographer,
+            range_sensor: file.range_sensor,
+            range_sensor_model,
             gate_px: file.gate_px,
             pipelines,
         })
@@ -287,6 +302,17 @@ pub fn read_camera(recipes: &Path, name: &str) -> Result<Photographer> {
     Ok(Photographer::new(name, &model, psf.as_ref()))
 }
 
+/// Reads `range-sensors/NAME.toml` in the folder of recipes.
+///
+/// # Errors
+/// For an unknown name or key, or a value out of range: with file, key, found, allowed.
+pub fn read_range_sensor(recipes: &Path, name: &str) -> Result<RangeSensor> {
+    let (place, table) = read_table(recipes, "range-sensors", name)?;
+    let sensor: RangeSensor = registry::parameters(&place, &table)?;
+    sensor.check(&place)?;
+    Ok(sensor)
+}
+
 /// The names of the recipes in a folder, sorted.
 pub fn recipe_names(recipes: &Path, folder: &str) -> Vec<String> {
     let mut names: Vec<String> = fs::read_dir(recipes.join(folder))
@@ -310,7 +336,7 @@ pub fn read_table(recipes: &Path, folder: &str, name: &str) -> Result<(String, T
     if !known.iter().any(|one| one == name) {
         return Err(Error::UnknownName {
             place: recipes.join(folder).display().to_string(),
-            kind: folder.trim_end_matches('s').to_owned(),
+            kind: folder.trim_end_matches('s').replace('-', " "),
             found: name.to_owned(),
             known,
         });

@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
 use crate::geometry::ImagePoint;
-use crate::sensor::CameraModel;
+use crate::sensor::{CameraModel, RangeSensor};
 
 /// Version of the columns.
 pub const RECORD_VERSION: i32 = 1;
@@ -225,6 +225,10 @@ pub struct RunDescription {
     pub suite: String,
     /// Name of the camera model.
     pub camera: String,
+    /// The range sensor's values.
+    pub range_sensor_model: RangeSensor,
+    /// Name of the range sensor.
+    pub range_sensor: String,
     /// How far a detection may lie from the corner it is matched to \[px\].
     pub gate_px: f64,
     /// The command line.

@@ -12,6 +12,10 @@ from cornerscenes.mitsuba_backend import World
 from cornerscenes.scene import Scene
 
 
+# Rays across a cell of the range sensor, and down.
+RANGE_OVERSAMPLING = 8
+
+
 @dataclass(frozen=True)
 class Geometry:
     """What one ray through each pixel's centre meets: z-depth [m], normal, object id, face id."""
@@ -44,6 +48,19 @@ def cast_range(scene: Scene, world: World) -> Float[np.ndarray, "h w 3"]:
     hits = world.first_hits(scene.world_from_range[:3, 3], directions)
     points = rays * (hits.distance_m / np.linalg.norm(rays, axis=1))[:, None]
     return points.reshape(camera.height, camera.width, 3).astype(np.float32)
+
+
+def cast_footprints(scene: Scene, world: World) -> Float[np.ndarray, "h w"]:
+    """Return the z-depth [m] that rays all over the range sensor's cells meet; 0 where none.
+
+    Every cell is divided into RANGE_OVERSAMPLING x RANGE_OVERSAMPLING parts, a ray through the
+    middle of each.
+    """
+    camera = scene.range_camera.finer(RANGE_OVERSAMPLING)
+    rays, directions = _rays(scene.world_from_range, camera)
+    hits = world.first_hits(scene.world_from_range[:3, 3], directions)
+    depth = hits.distance_m / np.linalg.norm(rays, axis=1)
+    return depth.reshape(camera.height, camera.width).astype(np.float32)
 
 
 def _rays(

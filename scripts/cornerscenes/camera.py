@@ -32,6 +32,18 @@ class Camera:
         ((cx_px, cy_px),) = image_points_from_film(middle_of_film, 1).tolist()
         return cls(width, height, focal_px, focal_px, cx_px, cy_px)
 
+    def finer(self, oversampling: int) -> Camera:
+        """Return the camera with each pixel divided into oversampling x oversampling."""
+        scale = oversampling
+        return Camera(
+            self.width * scale,
+            self.height * scale,
+            self.fx_px * scale,
+            self.fy_px * scale,
+            (self.cx_px + 0.5) * scale - 0.5,
+            (self.cy_px + 0.5) * scale - 0.5,
+        )
+
     def project(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 2"]:
         """Return the image points [px] of points in the camera frame [m], which have z > 0."""
         x, y, z = points.T

@@ -18,7 +18,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from cornerscenes.storage import ENTRY, Storage, write_whole
 
-FORMAT = 2
+FORMAT = 3
 INDEX = "dataset.json"
 
 # How often an index is put together again when others write theirs at the same time.

@@ -24,6 +24,9 @@ from cornerscenes.truth import add_from_film, seen_corners, truth
 _RADIANCE_BITS = 13
 _VARIANCE_BITS = 8
 
+# Significant bits of the depth in the range sensor's footprints: 4 um at 1 m.
+_DEPTH_BITS = 17
+
 
 def write(
     folder: Path,
@@ -71,9 +74,13 @@ def write(
         attributes,
     )
     points = buffers.cast_range(scene, world)
+    footprints = buffers.cast_footprints(scene, world)
     exr.write(
         folder / "range.exr",
-        (exr.Layer("range", dict(zip("XYZ", np.moveaxis(points, 2, 0), strict=True))),),
+        (
+            exr.Layer("range", dict(zip("XYZ", np.moveaxis(points, 2, 0), strict=True))),
+            exr.Layer("footprints", {"Z": significant(footprints, _DEPTH_BITS)}),
+        ),
         attributes,
     )
     pixels = binned(film.radiance, recipe.oversampling)
@@ -105,6 +112,7 @@ def description(
         "lens": None if scene.lens is None else asdict(scene.lens),
         "world_from_camera": _rows(scene.world_from_camera),
         "range_camera": asdict(scene.range_camera),
+        "range_oversampling": buffers.RANGE_OVERSAMPLING,
         "world_from_range": _rows(scene.world_from_range),
         "film": {
             "oversampling": recipe.oversampling,

@@ -68,6 +68,25 @@ def test_range_points_in_the_sensor_s_own_frame_are_the_surfaces_it_looks_at():
     assert on_floor.sum() >= 5
 
 
+def test_footprints_are_the_same_surfaces_all_over_each_cell():
+    drawn = scene()
+    world = World.of(drawn, 2)
+    points = buffers.cast_range(drawn, world)
+    fine = buffers.cast_footprints(drawn, world)
+    height, width = points.shape[:2]
+    times = buffers.RANGE_OVERSAMPLING
+    assert fine.shape == (times * height, times * width)
+    # On one plane the inverse of depth is linear in the image: its mean is that of the middle.
+    inverse = 1.0 / fine.reshape(height, times, width, times).astype(np.float64)
+    bends = [np.abs(np.diff(inverse, 2, axis=axis)).max(axis=(1, 3)) for axis in (1, 3)]
+    flat = np.maximum(*bends) < 1e-4
+    assert 40 < flat.sum() < 110, "most cells see one plane, some mix near and far"
+    middle = inverse.mean(axis=(1, 3))
+    assert np.abs(middle * points[..., 2] - 1.0)[flat].max() < 1e-5
+    # One row off is a thousand times that.
+    assert np.abs(middle[:-1] * points[1:, :, 2] - 1.0)[flat[:-1]].max() > 0.01
+
+
 @pytest.mark.parametrize("bevel_m", [0.0, 0.02])
 def test_coverage_is_the_area_of_the_projected_faces(bevel_m: float):
     drawn = scene(target=target(bevel_m))

@@ -22,6 +22,7 @@ KINDS = {
     "lights": [SCENES / "lights.toml"],
     "plan": sorted((SCENES / "plans").glob("*.toml")),
     "camera": sorted((SCENES / "cameras").glob("*.toml")),
+    "range-sensor": sorted((SCENES / "range-sensors").glob("*.toml")),
 }
 RECIPES = [(kind, path) for kind, paths in KINDS.items() for path in paths]
 

@@ -6,7 +6,7 @@ use super::progress::counting;
 use super::{Ended, Global, command_line, default_output, print_line, project};
 use crate::error::Result;
 use crate::geometry::ImagePoint;
-use crate::plan::read_camera;
+use crate::plan::{read_camera, read_range_sensor};
 use crate::run::{Wanted, photograph};
 use crate::scene::Dataset;
 
@@ -18,6 +18,9 @@ pub(super) struct Options {
     /// The camera; `cornerbench list cameras` names them.
     #[arg(short, long, value_name = "NAME")]
     camera: String,
+    /// A range sensor to take a range image with each; `cornerbench list range-sensors` names them.
+    #[arg(long, value_name = "NAME")]
+    range_sensor: Option<String>,
     /// The folder of photographs; out/SUITE/CAMERA where this is not given.
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
@@ -40,10 +43,16 @@ pub(super) fn run(global: &Global, options: &Options) -> Result<Ended> {
         }
     }
     let dataset = Dataset::open(&options.dataset)?;
-    let photographer = read_camera(&project::recipes(global)?, &options.camera)?;
+    let recipes = project::recipes(global)?;
+    let photographer = read_camera(&recipes, &options.camera)?;
+    let range_sensor = match &options.range_sensor {
+        Some(name) => Some((name.clone(), read_range_sensor(&recipes, name)?)),
+        None => None,
+    };
     let wanted = Wanted {
         phases_px: options.phases.iter().map(|phase| [phase.x, phase.y]).collect(),
         repeats: options.repeats,
+        range_sensor,
     };
     let output = options
         .output

@@ -49,7 +49,7 @@ pub struct Global {
     /// Threads to measure or to render with; all cores where this is not given.
     #[arg(long, global = true, value_name = "N")]
     threads: Option<usize>,
-    /// Folder of suites, families, plans and cameras to use instead of the project's own.
+    /// Folder of suites, families, plans, cameras and range sensors to use instead of the project's own.
     #[arg(long, global = true, value_name = "DIR")]
     recipes: Option<PathBuf>,
 }
@@ -83,7 +83,7 @@ enum Command {
     Export(export::Options),
     /// Refine points of, or find corners in, a picture of one's own.
     Locate(locate::Options),
-    /// List what can be named: suites, families, plans, cameras, algorithms.
+    /// List what can be named: suites, families, plans, cameras, range sensors, algorithms.
     List(list::Options),
     /// Write the JSON Schemas by which editors complete and check the recipes.
     Schemas(schemas::Options),

@@ -9,7 +9,7 @@ use crate::error::{Error, Result};
 use crate::files::write_json;
 use crate::plan::Plan;
 use crate::registry::schema;
-use crate::sensor::CameraModel;
+use crate::sensor::{CameraModel, RangeSensor};
 
 #[derive(clap::Args)]
 pub(super) struct Options {
@@ -26,6 +26,7 @@ pub(super) fn run(global: &Global, options: &Options) -> Result<Ended> {
     };
     write_json(&folder.join("plan.json"), &Plan::schema())?;
     write_json(&folder.join("camera.json"), &schema::<CameraModel>())?;
+    write_json(&folder.join("range-sensor.json"), &schema::<RangeSensor>())?;
     // Families, suites and libraries are Python's to read, so their schemas are Python's to write.
     let failed =
         |problem: String| Error::Program { program: "cornerscenes.schemas".into(), problem };

@@ -132,7 +132,12 @@ mod tests {
         let points = Plane::from_fn(4, 4, |x, y| {
             ((x, y) != (3, 3)).then(|| camera.unproject(ImagePoint::new(x as f64, y as f64), 1.0))
         });
-        RangeImage { camera, world_from_range: rig().world_from_camera, points }
+        RangeImage {
+            camera,
+            world_from_range: rig().world_from_camera,
+            points,
+            noise: crate::sensor::DepthNoise::default(),
+        }
     }
 
     fn square_at(x: f64, y: f64) -> Face {

@@ -13,8 +13,8 @@ use crate::error::{Error, Result};
 use crate::files::{replace_folder, write_json, write_whole};
 use crate::plan::{Pipeline, Plan};
 use crate::record::{RECORD_VERSION, Record, RunDescription, kind, status, write_records};
-use crate::scene::{Dataset, Scene, Split};
-use crate::sensor::{Exposure, RangeImage, Rig};
+use crate::scene::{Dataset, Description, Scene, Split};
+use crate::sensor::{Exposure, RangeImage, RangeSensor, Rig};
 
 pub use photographs::{Photographs, Wanted, photograph};
 
@@ -84,6 +84,8 @@ pub fn measure(
         camera_model: plan.photographer.model().clone(),
         suite: dataset.suite().to_owned(),
         camera: plan.camera.clone(),
+        range_sensor_model: plan.range_sensor_model.clone(),
+        range_sensor: plan.range_sensor.clone(),
         gate_px: plan.gate_px,
         command: command.to_owned(),
         machine: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
@@ -111,10 +113,9 @@ fn measure_scene(
     let exposure = photograph.exposure;
     let rig =
         Rig { camera: photograph.camera, world_from_camera: scene.description.world_from_camera };
-    let range = RangeImage {
-        camera: scene.description.range_camera,
-        world_from_range: scene.description.world_from_range,
-        points: scene.range_points.clone(),
+    let range = match range_image(&plan.range_sensor_model, scene, &name) {
+        Ok(range) => range,
+        Err(error) => return Ok(vec![unreadable(plan, dataset, &scene.name, &error)]),
     };
     fs::create_dir_all(folder).map_err(Error::io(folder, "create"))?;
     pictures::write_exposure(&folder.join("exposure.png"), &exposure)?;
@@ -132,6 +133,12 @@ fn measure_scene(
         write_json(&folder.join(format!("{}.json", pipeline.name)), &sketch)?;
     }
     Ok(records)
+}
+
+/// What a range sensor tells of a scene; `name` names its noise.
+fn range_image(sensor: &RangeSensor, scene: &Scene, name: &[&str]) -> Result<RangeImage> {
+    let Description { range_camera, world_from_range, .. } = &scene.description;
+    sensor.measure(&scene.range, range_camera, *world_from_range, name)
 }
 
 /// What a pipeline answered to one exposure, stage by stage.

@@ -10,13 +10,16 @@ use image::{ImageBuffer, Luma, Rgb};
 use rayon::prelude::*;
 use serde::Serialize;
 
+use super::pictures::write_depth;
+use super::range_image;
 use crate::error::{Error, Result};
 use crate::files::{refuse_foreign, write_json, write_whole};
-use crate::geometry::{Camera, ImagePoint};
+use crate::geometry::{Camera, ImagePoint, Pose, PoseRows};
 use crate::image::Plane;
 use crate::scene::{Dataset, Junction, Scene, Visibility};
 use crate::sensor::{
-    CameraModel, Colour, Demosaic, Exposure, PhotographBuffers, Photographer, Shot, Transfer,
+    CameraModel, Colour, Demosaic, Exposure, PhotographBuffers, Photographer, RangeImage,
+    RangeSensor, Shot, Transfer,
 };
 
 /// The file that tells such a folder from any other.
@@ -29,6 +32,8 @@ pub struct Wanted {
     pub phases_px: Vec<[f64; 2]>,
     /// Photographs at each phase, each with noise of its own.
     pub repeats: u32,
+    /// A range image beside each photograph: name and model of the sensor.
+    pub range_sensor: Option<(String, RangeSensor)>,
 }
 
 /// `photographs.json`: what is in a folder of photographs.
@@ -42,6 +47,8 @@ pub struct Photographs {
     pub camera: String,
     /// The camera.
     pub camera_model: CameraModel,
+    /// The range sensor, by name.
+    pub range_sensor: Option<(String, RangeSensor)>,
     /// The command line.
     pub command: String,
     /// The scenes that are there.
@@ -60,14 +67,25 @@ struct SceneFile {
     /// The sample without light.
     black_dn: f64,
     /// The camera in the world: the upper rows of the matrix.
-    world_from_camera: [[f64; 4]; 3],
+    world_from_camera: PoseRows,
     exposures: Vec<ExposureEntry>,
+    /// The range sensor: intrinsics and pose.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    range: Option<RangeEntry>,
+}
+
+#[derive(Serialize)]
+struct RangeEntry {
+    camera: Camera,
+    world_from_range: PoseRows,
 }
 
 #[derive(Serialize)]
 struct ExposureEntry {
     picture: String,
     light: String,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    range: Option<String>,
     /// Intrinsics and distortion, phase included.
     camera: Camera,
     saturated_pixels: usize,
@@ -83,8 +101,9 @@ struct CornerEntry {
 }
 
 /// Photographs every scene of `dataset` into the folder `output`: SCENE/exposure-N.png (.exr where
-/// samples are not rounded) with SCENE/light-P.exr, the light on the pixels without noise at phase P, and SCENE/exposures.json with
-/// the camera and the true corners in each. A scene's folder appears whole or not at all. Scenes are
+/// samples are not rounded) with SCENE/light-P.exr, the light on the pixels without noise at phase P,
+/// SCENE/range-N.exr where a range sensor is wanted, and SCENE/exposures.json with the camera and the
+/// true corners in each. A scene's folder appears whole or not at all. Scenes are
 /// done in parallel; `on_scene` is called as each is done, with what was wrong.
 ///
 /// # Errors
@@ -104,6 +123,7 @@ pub fn photograph(
         suite: dataset.suite().to_owned(),
         camera: photographer.name().to_owned(),
         camera_model: photographer.model().clone(),
+        range_sensor: wanted.range_sensor.clone(),
         command: command.to_owned(),
         scenes: Vec::new(),
         failed: Vec::new(),
@@ -145,7 +165,7 @@ fn scene_into(
     let camera = &scene.description.camera;
     let bent = photographer.through_lens(&scene.film, camera)?;
     let film = bent.as_ref().unwrap_or(&scene.film);
-    let mut exposures = Vec::new();
+    let (mut exposures, mut range) = (Vec::new(), None);
     let output = &photographer.model().output;
     for (phase, place) in wanted.phases_px.iter().enumerate() {
         let kernel = photographer.kernel(film.oversampling, *place);
@@ -161,16 +181,34 @@ fn scene_into(
             if output.rounded {
                 write_picture(&path, &taken.exposure, photographer.model())?;
             } else {
-                let channels = if is_grey(photographer.model()) { 1 } else { 3 };
-                write_planes(&path, "exposure", &taken.exposure.rgb()[..channels])?;
+                let count = if is_grey(photographer.model()) { 1 } else { 3 };
+                let planes = &taken.exposure.rgb()[..count];
+                write_planes(&path, "exposure", channels_of(planes), planes)?;
             }
             if number % wanted.repeats as usize == 0 {
-                write_planes(&folder.join(&light), "light", &taken.light)?;
+                write_planes(
+                    &folder.join(&light),
+                    "light",
+                    channels_of(&taken.light),
+                    &taken.light,
+                )?;
+            }
+            let mut range_file = None;
+            if let Some((_, sensor)) = &wanted.range_sensor {
+                let image = range_image(sensor, scene, &name)?;
+                let file = format!("range-{number}.exr");
+                write_range(folder, &file, &image)?;
+                range_file = Some(file);
+                range = Some(RangeEntry {
+                    camera: image.camera,
+                    world_from_range: rows(&image.world_from_range),
+                });
             }
             let truth = scene.truth.seen_by(camera, &taken.camera);
             exposures.push(ExposureEntry {
                 picture,
                 light: light.clone(),
+                range: range_file,
                 camera: taken.camera,
                 saturated_pixels: count(taken.exposure.saturated()),
                 corners: truth
@@ -186,17 +224,30 @@ fn scene_into(
             });
         }
     }
-    let pose = scene.description.world_from_camera.to_homogeneous();
     let described = SceneFile {
         transfer: output.curve(),
         full_scale_dn: 2.0_f64.powi(output.bit_depth.into()) - 1.0,
         black_dn: output.black_dn,
-        world_from_camera: std::array::from_fn(|row| {
-            std::array::from_fn(|column| pose[(row, column)])
-        }),
+        world_from_camera: rows(&scene.description.world_from_camera),
         exposures,
+        range,
     };
     write_json(&folder.join("exposures.json"), &described)
+}
+
+/// The upper rows of a pose's matrix.
+fn rows(pose: &Pose) -> PoseRows {
+    let matrix = pose.to_homogeneous();
+    std::array::from_fn(|row| std::array::from_fn(|column| matrix[(row, column)]))
+}
+
+/// X, Y, Z of every cell, 0 where it tells nothing, and a picture of the depth beside it.
+fn write_range(folder: &Path, file: &str, image: &RangeImage) -> Result<()> {
+    #[allow(clippy::cast_possible_truncation, reason = "files hold f32")]
+    let planes = [0, 1, 2]
+        .map(|axis| image.points.map(|point| point.map_or(0.0, |point| point.coords[axis] as f32)));
+    write_planes(&folder.join(file), "range", &["X", "Y", "Z"], &planes)?;
+    write_depth(&folder.join(file).with_extension("png"), &planes[2]).map(|_| ())
 }
 
 fn count(mask: &Plane<bool>) -> usize {
@@ -240,9 +291,13 @@ fn pixels(count: usize) -> u32 {
     u32::try_from(count).unwrap_or(u32::MAX)
 }
 
-/// One plane, or red, green and blue, as float32.
-fn write_planes(path: &Path, layer: &str, planes: &[Plane<f32>]) -> Result<()> {
-    let names: &[&str] = if planes.len() == 1 { &["Y"] } else { &["R", "G", "B"] };
+/// The channels' names of one plane, or of red, green and blue.
+fn channels_of(planes: &[Plane<f32>]) -> &'static [&'static str] {
+    if planes.len() == 1 { &["Y"] } else { &["R", "G", "B"] }
+}
+
+/// Planes by name as float32.
+fn write_planes(path: &Path, layer: &str, names: &[&str], planes: &[Plane<f32>]) -> Result<()> {
     let channels = names
         .iter()
         .zip(planes)

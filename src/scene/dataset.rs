@@ -14,10 +14,10 @@ use crate::error::{Error, Result};
 use crate::geometry::Camera;
 use crate::image::Plane;
 use crate::scene::layers::Layers;
-use crate::scene::{Coverage, Description, Film, Geometry, Truth};
+use crate::scene::{Coverage, Description, Film, Geometry, RangeRays, Truth};
 
 /// The version of the dataset format that this program reads.
-pub const FORMAT: u32 = 2;
+pub const FORMAT: u32 = 3;
 
 /// A rendered suite on disk.
 #[derive(Clone, Debug)]
@@ -72,8 +72,8 @@ pub struct Scene {
     pub film: Film,
     /// What each pixel's central ray meets.
     pub geometry: Geometry,
-    /// What the range sensor's rays meet, in its own frame \[m\]; `None` where nothing.
-    pub range_points: Plane<Option<Point3<f64>>>,
+    /// What the range sensor's rays meet.
+    pub range: RangeRays,
 }
 
 impl Dataset {
@@ -184,10 +184,12 @@ impl Dataset {
         let mut layers = Layers::decode(&path, &bytes)?;
         let mut plane = |c| layers.floats("range", c, size(&description.range_camera, 1));
         let (x, y, z) = (plane("X")?, plane("Y")?, plane("Z")?);
-        let range_points = Plane::from_fn(x.width(), x.height(), |column, row| {
+        let points = Plane::from_fn(x.width(), x.height(), |column, row| {
             let at = |plane: &Plane<f32>| f64::from(plane.at(column, row));
             (at(&z) > 0.0).then(|| Point3::new(at(&x), at(&y), at(&z)))
         });
+        let finer = size(&description.range_camera, description.range_oversampling);
+        let depth_m = layers.floats("footprints", "Z", finer)?;
 
         Ok(Scene {
             name: scene.to_owned(),
@@ -196,7 +198,7 @@ impl Dataset {
             truth,
             film,
             geometry,
-            range_points,
+            range: RangeRays { points, depth_m },
         })
     }
 
@@ -229,6 +231,10 @@ impl Dataset {
             found,
             allowed,
         };
+        if !(1..=64).contains(&description.range_oversampling) {
+            let found = description.range_oversampling.to_string();
+            return Err(out_of_range("range_oversampling", found, "in 1..=64".to_owned()));
+        }
         let film = &description.film;
         if !(1..=16).contains(&film.oversampling) {
             let (found, allowed) = (film.oversampling.to_string(), "in 1..=16".to_owned());

@@ -24,6 +24,8 @@ pub struct Description {
     pub lens: Option<Lens>,
     /// The range sensor.
     pub range_camera: Camera,
+    /// Rays per cell of the range sensor and direction, beside the one through its centre.
+    pub range_oversampling: u32,
     /// Its pose.
     #[serde(deserialize_with = "pose")]
     pub world_from_range: Pose,

@@ -1,4 +1,6 @@
-//! Geometry buffers: one ray through each pixel's centre, never averaged.
+//! Geometry buffers: what single rays meet, never averaged.
+
+use nalgebra::Point3;
 
 use crate::image::Plane;
 
@@ -14,4 +16,14 @@ pub struct Geometry {
     pub object_id: Plane<u32>,
     /// The face of the target, or [`NO_FACE`].
     pub face_id: Plane<u32>,
+}
+
+/// What the range sensor's rays meet.
+#[derive(Clone, Debug)]
+pub struct RangeRays {
+    /// Of the ray through each cell's centre: the point in the sensor's frame \[m\]; `None` where nothing.
+    pub points: Plane<Option<Point3<f64>>>,
+    /// Of rays through the middles of equal parts of each cell: depth along the sensor's axis \[m\]; 0
+    /// where nothing was met.
+    pub depth_m: Plane<f32>,
 }

@@ -10,6 +10,7 @@ mod noise;
 mod optics;
 mod photograph;
 mod range;
+mod range_sensor;
 mod transfer;
 
 pub use camera_model::{CameraModel, Colour, Curve, Output};
@@ -19,5 +20,6 @@ pub use kernel::{GatherBuffers, Kernel};
 pub use mosaic::Demosaic;
 pub use optics::Optics;
 pub use photograph::{Photograph, PhotographBuffers, Photographer, Shot};
-pub use range::RangeImage;
+pub use range::{DepthNoise, RangeImage};
+pub use range_sensor::RangeSensor;
 pub use transfer::Transfer;

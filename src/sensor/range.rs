@@ -14,8 +14,32 @@ pub struct RangeImage {
     pub camera: Camera,
     /// Where it stands.
     pub world_from_range: Pose,
-    /// The point seen by each cell; `None` where the ray met nothing.
+    /// The point that each cell tells; `None` where it tells nothing.
     pub points: Plane<Option<Point3<f64>>>,
+    /// What a data sheet says of its noise.
+    pub noise: DepthNoise,
+}
+
+/// What a data sheet says of the noise in a range image.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct DepthNoise {
+    /// Standard deviation of depth: this \[m\],
+    pub noise_m: f64,
+    /// and this share of the depth,
+    pub noise_share: f64,
+    /// and this times the square of the depth \[1/m\].
+    pub noise_per_m: f64,
+    /// Steps of depth \[m\]; 0: none.
+    pub quantum_m: f64,
+    /// Steps of the inverse of depth \[1/m\]; 0: none.
+    pub inverse_quantum_per_m: f64,
+}
+
+impl DepthNoise {
+    /// Standard deviation of a depth, without the steps \[m\].
+    pub fn standard_deviation_m(&self, depth_m: f64) -> f64 {
+        self.noise_m + self.noise_share * depth_m + self.noise_per_m * depth_m * depth_m
+    }
 }
 
 impl RangeImage {
@@ -74,6 +98,7 @@ mod tests {
                 * pose
                 * Isometry3::rotation(Vector3::y() * turn),
             points: Plane::filled(32, 32, None),
+            noise: DepthNoise::default(),
         };
         range.nearest_cell(&rig, ImagePoint::new(x, y))
     }

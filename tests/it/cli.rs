@@ -167,6 +167,7 @@ fn every_kind_can_be_listed_and_each_name_has_a_summary() {
         "families",
         "plans",
         "cameras",
+        "range-sensors",
         "targets",
         "detectors",
         "refiners",
