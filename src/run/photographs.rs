@@ -10,7 +10,7 @@ use image::{ImageBuffer, Luma, Rgb};
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::pictures::write_depth;
+use super::pictures::{write_depth, write_exposure};
 use super::range_image;
 use crate::error::{Error, Result};
 use crate::files::{refuse_foreign, write_json, write_whole};
@@ -101,7 +101,8 @@ struct CornerEntry {
 }
 
 /// Photographs every scene of `dataset` into the folder `output`: SCENE/exposure-N.png (.exr where
-/// samples are not rounded) with SCENE/light-P.exr, the light on the pixels without noise at phase P,
+/// samples are not rounded) with SCENE/preview-N.png where that is not what people expect to see,
+/// SCENE/light-P.exr, the light on the pixels without noise at phase P,
 /// SCENE/range-N.exr where a range sensor is wanted, and SCENE/exposures.json with the camera and the
 /// true corners in each. A scene's folder appears whole or not at all. Scenes are
 /// done in parallel; `on_scene` is called as each is done, with what was wrong.
@@ -184,6 +185,11 @@ fn scene_into(
                 let count = if is_grey(photographer.model()) { 1 } else { 3 };
                 let planes = &taken.exposure.rgb()[..count];
                 write_planes(&path, "exposure", channels_of(planes), planes)?;
+            }
+            // 16-bit files of 12-bit samples look black, and linear ones dark.
+            if !output.rounded || output.bit_depth > 8 || output.curve() == Transfer::Linear {
+                let path = folder.join(format!("preview-{number}.png"));
+                write_exposure(&path, &taken.exposure)?;
             }
             if number % wanted.repeats as usize == 0 {
                 write_planes(

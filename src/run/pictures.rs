@@ -10,7 +10,7 @@ use crate::sensor::Exposure;
 use crate::target::TargetRegion;
 
 pub(super) fn write_exposure(path: &Path, exposure: &Exposure) -> Result<()> {
-    save(path, &exposure.to_picture())
+    save(path, &exposure.to_preview())
 }
 
 /// Depth as colour, near yellow, far violet, nothing black; returns nearest and farthest \[m\].
@@ -34,7 +34,7 @@ pub(super) fn write_depth(path: &Path, depth_m: &Plane<f32>) -> Result<[f64; 2]>
 
 /// The target in its own colours, the rest as pale grey.
 pub(super) fn write_target(path: &Path, exposure: &Exposure, region: &TargetRegion) -> Result<()> {
-    let colours = exposure.to_picture();
+    let colours = exposure.to_preview();
     let luma = exposure.luma();
     let scale = 255.0 / exposure.encoding().full_scale_dn();
     let picture = from_fn(exposure.width(), exposure.height(), |x, y| {

@@ -92,16 +92,32 @@ impl Exposure {
         Self::new([channel(0), channel(1), channel(2)], encoding)
     }
 
-    /// The exposure as an 8-bit picture, for people.
+    /// The samples as 8-bit numbers, full scale 255.
     pub fn to_picture(&self) -> image::RgbImage {
         let scale = 255.0 / self.encoding.full_scale_dn();
+        self.pictured(|sample| sample * scale)
+    }
+
+    /// The exposure as people expect to see it: what is linear is shown through the sRGB curve, without
+    /// its black level.
+    pub fn to_preview(&self) -> image::RgbImage {
+        if self.encoding.transfer != Transfer::Linear {
+            return self.to_picture();
+        }
+        let (full, black) = (self.encoding.full_scale_dn(), self.encoding.black_dn);
+        self.pictured(|sample| {
+            255.0 * Transfer::Srgb.encode(((sample - black) / (full - black)).clamp(0.0, 1.0))
+        })
+    }
+
+    fn pictured(&self, shown: impl Fn(f64) -> f64) -> image::RgbImage {
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "in 0..=255")]
         image::RgbImage::from_fn(
             u32::try_from(self.width()).unwrap_or(u32::MAX),
             u32::try_from(self.height()).unwrap_or(u32::MAX),
             |x, y| {
-                let at = |c: usize| self.rgb[c].at(x as usize, y as usize);
-                image::Rgb([0, 1, 2].map(|c| (f64::from(at(c)) * scale).round() as u8))
+                let at = |c: usize| f64::from(self.rgb[c].at(x as usize, y as usize));
+                image::Rgb([0, 1, 2].map(|c| shown(at(c)).round() as u8))
             },
         )
     }

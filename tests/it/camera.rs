@@ -8,7 +8,9 @@ use cornerbench::junction::BlurredJunction;
 use cornerbench::plan::{read_camera, read_range_sensor, recipe_names};
 use cornerbench::record::read_records;
 use cornerbench::scene::{Dataset, Description, Film};
-use cornerbench::sensor::{CameraModel, Colour, Curve, Photograph, Photographer, Sensor, Shot};
+use cornerbench::sensor::{
+    CameraModel, Colour, Curve, Photograph, Photographer, Sensor, Shot, Transfer,
+};
 
 use crate::support::{cornerbench, plain_dataset, project, python, run, stderr, succeed};
 
@@ -516,7 +518,8 @@ fn every_range_sensor_tells_points_near_the_surfaces_of_every_scene() {
                     let Some(point) = image.points.at(x, y) else { continue };
                     told += 1;
                     let at = range_camera.project(&point).expect("in front");
-                    let (column, row) = (at.x.round() as usize, at.y.round() as usize);
+                    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+                    let [column, row] = [at.x, at.y].map(|place| place.round() as usize);
                     let Some(truth) = scene.range.points.at(column, row) else { continue };
                     let noise_m = image.noise.standard_deviation_m(truth.z);
                     near += usize::from((point.z - truth.z).abs() < 4.0 * noise_m + 0.03);
@@ -847,6 +850,15 @@ fn samples_that_are_not_rounded_are_written_as_floats() {
         exr::prelude::read_first_flat_layer_from_file(scene.path().join(name)).expect("EXR")
     };
     let (picture, light) = (read("exposure-0.exr"), read("light-0.exr"));
+    // For people: through the sRGB curve.
+    let preview = image::open(scene.path().join("preview-0.png")).expect("a picture").to_rgb8();
+    let middle = light.layer_data.size.width() / 2 + light.layer_data.size.width() * 40;
+    let red = &light.layer_data.channel_data.list[2];
+    assert_eq!(red.name.to_string(), "R");
+    let linear = red.sample_data.values_as_f32().nth(middle).expect("a sample");
+    let shown = preview.pixels().nth(middle).expect("a pixel").0[0];
+    let wanted = 255.0 * Transfer::Srgb.encode(f64::from(linear));
+    assert!((f64::from(shown) - wanted).abs() <= 0.5 + 1e-3, "{shown} {wanted}");
     for (samples, light) in
         picture.layer_data.channel_data.list.iter().zip(&light.layer_data.channel_data.list)
     {

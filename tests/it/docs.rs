@@ -56,6 +56,35 @@ fn every_key_of_the_recipes_is_described() {
 }
 
 #[test]
+fn every_key_of_a_camera_and_of_a_range_sensor_is_described() {
+    fn keys(schema: &serde_json::Value, found: &mut Vec<String>) {
+        let alternatives = schema["anyOf"].as_array().into_iter().flatten();
+        for schema in alternatives.chain([schema]) {
+            for (key, inner) in schema["properties"].as_object().into_iter().flatten() {
+                let before = found.len();
+                keys(inner, found);
+                // A table's keys are described, each with the table's name before it.
+                if found.len() == before {
+                    found.push(key.clone());
+                }
+            }
+        }
+    }
+    let document = format_document();
+    for kind in ["camera", "range-sensor"] {
+        let path = project().join("scenes/schemas").join(format!("{kind}.json"));
+        let schema = serde_json::from_str(&fs::read_to_string(path).expect("a schema"));
+        let mut found = Vec::new();
+        keys(&schema.expect("JSON"), &mut found);
+        assert!(found.len() > 10, "{kind}: {found:?}");
+        for key in found {
+            let described = ["`", "."].iter().any(|b| document.contains(&format!("{b}{key}`")));
+            assert!(described, "{kind}: {key} is not described");
+        }
+    }
+}
+
+#[test]
 fn the_readme_s_links_and_pictures_are_there() {
     let text = fs::read_to_string(project().join("README.md")).expect("a README");
     let links: Vec<&str> =
