@@ -85,6 +85,54 @@ pub fn bivariate_normal_cdf(h: f64, k: f64, rho: f64) -> f64 {
 }
 
 impl BlurredJunction {
+    /// An L: one surface before another, its edges at `first_rad` and, clockwise as seen, `opening_rad`
+    /// further on. Levels are those inside and outside.
+    pub fn l(
+        vertex: ImagePoint,
+        [first_rad, opening_rad]: [f64; 2],
+        levels: [f64; 2],
+        sigma_px: f64,
+    ) -> Self {
+        let edges_rad = vec![first_rad, first_rad + opening_rad];
+        Self { vertex, edges_rad, levels: levels.to_vec(), sigma_px }
+    }
+
+    /// A Y, if less than half a turn lies between neighbours of the three edges; an arrow, if more lies
+    /// between two of them.
+    pub fn y_or_arrow(
+        vertex: ImagePoint,
+        edges_rad: [f64; 3],
+        levels: [f64; 3],
+        sigma_px: f64,
+    ) -> Self {
+        Self { vertex, edges_rad: edges_rad.to_vec(), levels: levels.to_vec(), sigma_px }
+    }
+
+    /// A T: at a straight edge in the directions `bar_rad` and opposite, an edge ends that comes from
+    /// `stem_rad` further on, less than half a turn. Levels are those on either side of the stem and
+    /// beyond the bar. A true corner that is hidden but for one of its edges, an edge end, looks the same.
+    pub fn t(
+        vertex: ImagePoint,
+        [bar_rad, stem_rad]: [f64; 2],
+        levels: [f64; 3],
+        sigma_px: f64,
+    ) -> Self {
+        Self::y_or_arrow(vertex, [bar_rad, bar_rad + stem_rad, bar_rad + PI], levels, sigma_px)
+    }
+
+    /// An X: two straight edges that cross, one in the directions `first_rad` and opposite, the other
+    /// `opening_rad` further on, less than half a turn. Levels are those of opposite sectors.
+    pub fn x(
+        vertex: ImagePoint,
+        [first_rad, opening_rad]: [f64; 2],
+        [first, second]: [f64; 2],
+        sigma_px: f64,
+    ) -> Self {
+        let edges_rad = [0.0, opening_rad, PI, opening_rad + PI].map(|turn| first_rad + turn);
+        let levels = vec![first, second, first, second];
+        Self { vertex, edges_rad: edges_rad.to_vec(), levels, sigma_px }
+    }
+
     /// The value at a place, without the pixel's area.
     pub fn value(&self, x: f64, y: f64) -> f64 {
         let (dx, dy) = ((x - self.vertex.x) / self.sigma_px, (y - self.vertex.y) / self.sigma_px);
@@ -181,26 +229,33 @@ mod tests {
     /// half a turn wide.
     fn some_junctions() -> Vec<BlurredJunction> {
         let vertex = ImagePoint::new(0.23, -0.41);
-        let degrees = |edges: &[f64]| edges.iter().map(|angle| angle.to_radians()).collect();
-        [
-            (vec![20.0, 110.0], vec![1.0, 0.2]),
-            (vec![-40.0, 200.0], vec![0.3, 0.9]),
-            (vec![10.0, 130.0, 250.0], vec![0.9, 0.5, 0.2]),
-            (vec![7.0, 57.0, 117.0], vec![0.9, 0.5, 0.1]),
-            (vec![30.0, 120.0, 210.0], vec![0.7, 0.4, 0.1]),
-            (vec![15.0, 105.0, 195.0, 285.0], vec![1.0, 0.0, 1.0, 0.0]),
-            (vec![33.0, 213.0], vec![0.8, 0.1]),
-        ]
-        .into_iter()
-        .flat_map(|(edges, levels)| {
-            [0.3, 0.7, 1.5].map(|sigma_px| BlurredJunction {
-                vertex,
-                edges_rad: degrees(&edges),
-                levels: levels.clone(),
-                sigma_px,
+        let pair = |angles: [f64; 2]| angles.map(f64::to_radians);
+        let three = |angles: [f64; 3]| angles.map(f64::to_radians);
+        [0.3, 0.7, 1.5]
+            .into_iter()
+            .flat_map(|sigma| {
+                [
+                    BlurredJunction::l(vertex, pair([20.0, 90.0]), [1.0, 0.2], sigma),
+                    BlurredJunction::l(vertex, pair([-40.0, 240.0]), [0.3, 0.9], sigma),
+                    BlurredJunction::l(vertex, pair([33.0, 180.0]), [0.8, 0.1], sigma),
+                    BlurredJunction::y_or_arrow(
+                        vertex,
+                        three([10.0, 130.0, 250.0]),
+                        [0.9, 0.5, 0.2],
+                        sigma,
+                    ),
+                    BlurredJunction::y_or_arrow(
+                        vertex,
+                        three([7.0, 57.0, 117.0]),
+                        [0.9, 0.5, 0.1],
+                        sigma,
+                    ),
+                    BlurredJunction::t(vertex, pair([30.0, 90.0]), [0.7, 0.4, 0.1], sigma),
+                    BlurredJunction::t(vertex, pair([200.0, 27.0]), [0.1, 0.9, 0.5], sigma),
+                    BlurredJunction::x(vertex, pair([15.0, 80.0]), [1.0, 0.0], sigma),
+                ]
             })
-        })
-        .collect()
+            .collect()
     }
 
     /// Brute force: the pixel's box convolved with the blur, as weights of a fine grid of places whose
@@ -234,9 +289,26 @@ mod tests {
             some_junctions().iter().zip([(0, 0), (1, 0), (0, 1)].iter().cycle())
         {
             let (found, wanted) = (junction.over_pixel(*x, *y, 1.0), brute_force(junction, *x, *y));
-            // Of edges along its rows the grid would see the places to half a cell only.
+            // Of edges along its rows or diagonals the grid would see the places to half a cell only.
             assert!((found - wanted).abs() < 1e-5, "{junction:?} {x} {y}: {found} {wanted}");
         }
+    }
+
+    #[test]
+    fn a_t_s_bar_and_an_x_s_edges_are_straight() {
+        let vertex = ImagePoint::new(3.0, 4.0);
+        let t = BlurredJunction::t(vertex, [0.0, 0.5 * PI], [0.7, 0.4, 0.1], 0.5);
+        // The bar is horizontal; the stem comes from below, what is right of it from the bar's first end.
+        assert!((t.value(9.0, 9.0) - 0.7).abs() < 1e-9);
+        assert!((t.value(-3.0, 9.0) - 0.4).abs() < 1e-9);
+        for x in [-3.0, 3.0, 9.0] {
+            assert!((t.value(x, -1.0) - 0.1).abs() < 1e-9);
+        }
+        let x = BlurredJunction::x(vertex, [0.0, 0.5 * PI], [1.0, 0.0], 0.5);
+        for (dx, dy, wanted) in [(5.0, 5.0, 1.0), (-5.0, 5.0, 0.0), (-5.0, -5.0, 1.0)] {
+            assert!((x.value(vertex.x + dx, vertex.y + dy) - wanted).abs() < 1e-9);
+        }
+        assert!((x.value(vertex.x, vertex.y) - 0.5).abs() < 1e-12);
     }
 
     #[test]

@@ -6,13 +6,15 @@
 use std::process::Command;
 use std::time::Instant;
 
-use cornerbench::geometry::{Camera, Distortion};
+use cornerbench::geometry::{Camera, Distortion, Pose};
 use cornerbench::image::{PixelRange, Plane};
-use cornerbench::scene::Film;
+use cornerbench::scene::{Film, RangeRays};
 use cornerbench::sensor::{
-    CameraModel, Colour, GatherBuffers, PhotographBuffers, Photographer, Sensor, Shot,
+    CameraModel, Colour, Curve, Demosaic, GatherBuffers, PhotographBuffers, Photographer,
+    RangeSensor, Sensor, Shot,
 };
 use criterion::{Criterion, Throughput};
+use rayon::prelude::*;
 
 use super::photograph::SIZE;
 
@@ -71,16 +73,29 @@ pub fn define(c: &mut Criterion) {
     let mut group = c.benchmark_group("expose");
     group.throughput(Throughput::Elements((SIZE * SIZE) as u64));
     let region = PixelRange { x0: 150, y0: 120, x1: 350, y1: 320 };
-    let noisy = Photographer::new("bench", &model(0.5), None);
-    let mut webcam = model(0.7);
-    webcam.colour = Colour::Rggb;
-    let webcam = Photographer::new("bench", &webcam, None);
-    let ideal = Photographer::new("bench", &CameraModel::default(), None);
+    // What a stage takes is what its line takes more than the one without it.
+    let with = |change: &dyn Fn(&mut CameraModel)| {
+        let mut model = model(0.5);
+        change(&mut model);
+        Photographer::new("bench", &model, None)
+    };
+    let noisy = with(&|_| ());
+    let mosaic = |demosaic: Demosaic| {
+        with(&move |model| {
+            model.colour = Colour::Rggb;
+            model.output.demosaic = demosaic;
+        })
+    };
     for (name, photographer, window) in [
-        ("noisy-rgb/512x512", &noisy, None),
-        ("noisy-rgb/200x200", &noisy, Some(region)),
-        ("noisy-mosaic/512x512", &webcam, None),
-        ("ideal/512x512", &ideal, None),
+        ("light/512x512", &with(&|model| model.sensor = None), None),
+        ("light, noise/512x512", &noisy, None),
+        ("light, noise/200x200", &noisy, Some(region)),
+        ("light, noise, linear/512x512", &with(&|m| m.output.transfer = Curve::Linear), None),
+        ("light, noise, mono/512x512", &with(&|model| model.colour = Colour::Mono), None),
+        ("light, noise, mosaic/512x512", &mosaic(Demosaic::Raw), None),
+        ("light, noise, mosaic, bilinear/512x512", &mosaic(Demosaic::Bilinear), None),
+        ("light, noise, mosaic, malvar/512x512", &mosaic(Demosaic::Malvar), None),
+        ("light, noise, jpeg/512x512", &with(&|model| model.output.jpeg_quality = 90), None),
     ] {
         let kernel = photographer.kernel(OVERSAMPLING, [0.2, -0.3]);
         let shot = Shot { name: &["bench"], window };
@@ -88,6 +103,25 @@ pub fn define(c: &mut Criterion) {
             b.iter(|| photographer.expose(&film, &camera, &kernel, &shot, &mut buffers));
         });
     }
+    let bent = with(&|model| model.optics.distortion.k1 = -0.05);
+    group.bench_function("lens/512x512", |b| {
+        b.iter(|| bent.through_lens(&film, &camera).expect("one to one"));
+    });
+    let rays = RangeRays {
+        points: Plane::filled(32, 32, None),
+        depth_m: Plane::from_fn(256, 256, |x, y| if x > 100 && y > 80 { 1.0 } else { 2.0 }),
+    };
+    let range_camera = camera.resized([32, 32]);
+    let sensor = RangeSensor {
+        width: 128,
+        height: 128,
+        noise_m: 0.01,
+        baseline_m: 0.1,
+        ..RangeSensor::default()
+    };
+    group.bench_function("range/128x128", |b| {
+        b.iter(|| sensor.measure(&rays, &range_camera, Pose::identity(), &["bench"]));
+    });
     let whole = PixelRange { x0: 0, y0: 0, x1: SIZE, y1: SIZE };
     let mut disc = CameraModel::default();
     disc.optics.defocus_radius_px = 2.0;
@@ -103,7 +137,34 @@ pub fn define(c: &mut Criterion) {
         });
     }
     group.finish();
+    by_threads(&noisy, &film, &camera);
     beside_numpy(&noisy, &film, &camera);
+}
+
+/// Prints how many more photographs all cores take in a second than one does, in turns.
+fn by_threads(photographer: &Photographer, film: &Film, camera: &Camera) {
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let kernel = photographer.kernel(OVERSAMPLING, [0.2, -0.3]);
+    let took_s = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+        let begun = Instant::now();
+        pool.install(|| {
+            (0..16 * cores).into_par_iter().for_each_init(
+                PhotographBuffers::default,
+                |b, number| {
+                    let shot = Shot { name: &["bench", &number.to_string()], window: None };
+                    std::hint::black_box(photographer.expose(film, camera, &kernel, &shot, b));
+                },
+            );
+        });
+        begun.elapsed().as_secs_f64()
+    };
+    let mut ratios: Vec<f64> = (0..7).map(|_| took_s(1) / took_s(cores)).collect();
+    ratios.sort_by(f64::total_cmp);
+    println!(
+        "expose: {:.2} times as many with {cores} threads as with one ({:.2} to {:.2})",
+        ratios[3], ratios[0], ratios[6]
+    );
 }
 
 /// Prints how long NumPy and we take for the same photograph, on one core, in turns.
@@ -119,17 +180,9 @@ fn beside_numpy(photographer: &Photographer, film: &Film, camera: &Camera) {
         .collect();
     std::fs::write(path("film.f32"), bytes).expect("written");
     let (model, phase_px) = (photographer.model(), [0.2, -0.3]);
-    let sensor = model.sensor.as_ref().expect("a sensor");
     let settings = serde_json::json!({
         "oversampling": OVERSAMPLING, "side_px": SIZE, "phase_px": phase_px, "repeats": 3,
-        "sigma_px": model.optics.gaussian_sigma_px, "fill_factor": 1.0,
-        "electrons_at_one": sensor.electrons_at_one(),
-        "sensor": {
-            "prnu": sensor.prnu, "dark_e": sensor.dark_e(), "full_well_e": sensor.full_well_e,
-            "dsnu_e": sensor.dsnu_e, "read_noise_e": sensor.read_noise_e,
-            "black_level_dn": sensor.black_level_dn, "gain_dn_per_e": sensor.gain_dn_per_e,
-            "bit_depth": sensor.bit_depth,
-        },
+        "camera": model,
     });
     std::fs::write(path("settings.json"), settings.to_string()).expect("written");
     let kernel = photographer.kernel(OVERSAMPLING, phase_px);

@@ -176,6 +176,12 @@ impl CameraModel {
                 allowed,
             );
         }
+        if sensor.surely_saturated_dn() <= sensor.black_level_dn {
+            let found = format!("{} (dsnu_e is {})", sensor.read_noise_e, sensor.dsnu_e);
+            let allowed = "so small, both together, that a full pixel is told from an empty one: \
+                           below a quarter of full_well_e";
+            return out("sensor.read_noise_e", found, allowed);
+        }
         Ok(())
     }
 

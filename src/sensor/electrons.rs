@@ -73,6 +73,13 @@ impl Sensor {
         (self.black_level_dn + self.gain_dn_per_e * self.full_well_e).floor().min(most)
     }
 
+    /// The digital number from which on samples are marked as saturated: what is read of a full pixel
+    /// may be less by four standard deviations of its noise, and by half a number for rounding.
+    pub fn surely_saturated_dn(&self) -> f64 {
+        let noise_dn = self.gain_dn_per_e * self.read_noise_e.hypot(self.dsnu_e);
+        self.saturation_dn() - 4.0 * noise_dn - 0.5
+    }
+
     /// Mean electrons without light.
     pub fn dark_e(&self) -> f64 {
         self.dark_current_e_per_s * 1e-3 * self.exposure_time_ms

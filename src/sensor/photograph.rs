@@ -338,11 +338,7 @@ impl Photographer {
         let Some((sensor, scale)) = self.model.sensor.as_ref().zip(self.light_per_dn()) else {
             return [1.0; 3];
         };
-        let saturation = sensor.saturation_dn() - sensor.black_level_dn;
-        // Less what is read of a full pixel may be: four standard deviations of its noise, and half
-        // a number for rounding.
-        let noise_dn = sensor.gain_dn_per_e * sensor.read_noise_e.hypot(sensor.dsnu_e);
-        let surely = saturation - 4.0 * noise_dn - 0.5;
+        let surely = sensor.surely_saturated_dn() - sensor.black_level_dn;
         #[allow(clippy::cast_possible_truncation, reason = "some size near 1")]
         scale.map(|scale| 1.0_f64.min(scale * surely) as f32)
     }

@@ -5,12 +5,13 @@ use std::process::Command;
 use cornerbench::geometry::{Camera, Distortion, ImagePoint};
 use cornerbench::image::Plane;
 use cornerbench::junction::BlurredJunction;
-use cornerbench::plan::{read_camera, read_range_sensor, recipe_names};
-use cornerbench::record::read_records;
-use cornerbench::scene::{Dataset, Description, Film};
+use cornerbench::plan::{read_camera, recipe_names};
+use cornerbench::scene::Film;
 use cornerbench::sensor::{
     CameraModel, Colour, Curve, Photograph, Photographer, Sensor, Shot, Transfer,
 };
+
+use nalgebra::{Matrix3, Vector3};
 
 use crate::support::{cornerbench, plain_dataset, project, python, run, stderr, succeed};
 
@@ -403,6 +404,140 @@ fn distortion_and_phase_move_the_truth_with_the_image() {
     assert!(seen > 400, "{seen}");
 }
 
+/// Squares of 22 px, each turned another way, and their corners, clockwise as seen.
+fn squares(camera: &Camera, oversampling: u32) -> (Film, Vec<[ImagePoint; 4]>) {
+    let side = (camera.width * oversampling) as usize;
+    let scale = f64::from(oversampling);
+    let mut plane = Plane::filled(side, side, 0.05_f32);
+    let mut all = Vec::new();
+    for row in 0..12_u32 {
+        for column in 0..12_u32 {
+            let number = f64::from(12 * row + column);
+            let middle =
+                |index: u32, step: f64| 35.0 + 40.0 * f64::from(index) + (number * step).fract();
+            let (x, y) = (middle(column, 0.618), middle(row, 0.377));
+            let (sine, cosine) = (0.11 + 0.71 * number).sin_cos();
+            let corners =
+                [(-11.0, -11.0), (11.0, -11.0), (11.0, 11.0), (-11.0, 11.0)].map(|(u, v)| {
+                    ImagePoint::new(x + u * cosine - v * sine, y + u * sine + v * cosine)
+                });
+            let [left, top] = ImagePoint::new(x - 17.0, y - 17.0).to_film(oversampling);
+            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "inside")]
+            let (left, top, count) = (left as usize, top as usize, (34.0 * scale) as usize);
+            for v in top..top + count {
+                for u in left..left + count {
+                    const PARTS: u32 = 12;
+                    let part = |index: u32| (f64::from(index) + 0.5) / f64::from(PARTS);
+                    let inside = (0..PARTS * PARTS).filter(|index| {
+                        let at = ImagePoint::from_film(
+                            u as f64 + part(index % PARTS),
+                            v as f64 + part(index / PARTS),
+                            oversampling,
+                        );
+                        let (dx, dy) = (at.x - x, at.y - y);
+                        (dx * cosine + dy * sine).abs() < 11.0
+                            && (dy * cosine - dx * sine).abs() < 11.0
+                    });
+                    #[allow(clippy::cast_possible_truncation, reason = "in [0, 1]")]
+                    let share = (inside.count() as f64 / f64::from(PARTS * PARTS)) as f32;
+                    plane.row_mut(v)[u] += 0.6 * share;
+                }
+            }
+            all.push(corners);
+        }
+    }
+    (Film { oversampling, radiance: [plane.clone(), plane.clone(), plane] }, all)
+}
+
+/// How far an edge lies from the straight line between two points, as a parabola in the distance from
+/// the first \[px\]: where the light across it says, at places along it away from its ends.
+fn edge_offset(light: &Plane<f32>, from: ImagePoint, to: ImagePoint) -> Vector3<f64> {
+    let length = (to.x - from.x).hypot(to.y - from.y);
+    let (ux, uy) = ((to.x - from.x) / length, (to.y - from.y) / length);
+    let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
+    let mut along = 5.0;
+    while along < length - 5.0 {
+        // Of a symmetric blur the share of light on one side tells the edge's place.
+        let at = |across: f64| {
+            light.bilinear(ImagePoint::new(
+                from.x + along * ux - across * uy,
+                from.y + along * uy + across * ux,
+            ))
+        };
+        let (low, high) = (at(-4.0), at(4.0));
+        let steps = 400;
+        let share: f64 = (0..steps)
+            .map(|step| {
+                let across = -4.0 + (f64::from(step) + 0.5) * 8.0 / f64::from(steps);
+                (at(across) - low) / (high - low) * 8.0 / f64::from(steps)
+            })
+            .sum();
+        let powers = Vector3::new(1.0, along, along * along);
+        normal += powers * powers.transpose();
+        right += powers * (4.0 - share);
+        along += 0.5;
+    }
+    normal.try_inverse().expect("enough places") * right
+}
+
+#[test]
+fn a_corner_fitted_on_a_distorted_photograph_is_where_the_distorted_truth_is() {
+    let pinhole = pinhole(512, 512);
+    let (film, squares) = squares(&pinhole, 4);
+    let bent = Distortion { k1: -0.12, k2: 0.03, p1: 0.003, p2: -0.002, k3: 0.01 };
+    for (distortion, phase) in
+        [(Distortion::NONE, [0.0, 0.0]), (bent, [0.0, 0.0]), (bent, [0.37, -0.21])]
+    {
+        let mut model = CameraModel::default();
+        model.optics.distortion = distortion;
+        model.optics.gaussian_sigma_px = 0.9;
+        let camera = Photographer::new("bent", &model, None);
+        let taken = camera.take(&film, &pinhole, phase, &["bent"]).expect("a photograph");
+        let mut offsets = Vec::new();
+        for square in &squares {
+            let truth = square.map(|corner| {
+                taken.camera.project(&pinhole.unproject(corner, 1.0)).expect("in front")
+            });
+            if truth.iter().any(|p| !(8.0..504.0).contains(&p.x) || !(8.0..504.0).contains(&p.y)) {
+                continue;
+            }
+            for index in 0..4 {
+                let at = truth[index];
+                // Both edges as lines through the corner's truth, seen from it, light on the left or right.
+                let (next, last) = (truth[(index + 1) % 4], truth[(index + 3) % 4]);
+                let (one, other) = (
+                    edge_offset(&taken.light[0], at, next),
+                    edge_offset(&taken.light[0], last, at),
+                );
+                let unit = |from: ImagePoint, to: ImagePoint| {
+                    let length = (to.x - from.x).hypot(to.y - from.y);
+                    ([(to.x - from.x) / length, (to.y - from.y) / length], length)
+                };
+                let (([ax, ay], _), ([bx, by], length)) = (unit(at, next), unit(last, at));
+                // Where both parabolas meet, near the corner.
+                let (mut dx, mut dy) = (0.0, 0.0);
+                for _ in 0..20 {
+                    let parabola = |c: Vector3<f64>, t: f64| c[0] + c[1] * t + c[2] * t * t;
+                    let first = parabola(one, dx * ax + dy * ay);
+                    let second = parabola(other, length + dx * bx + dy * by);
+                    // -ay dx + ax dy = first, -by dx + bx dy = second.
+                    let determinant = -ay * bx + ax * by;
+                    dx = (first * bx - ax * second) / determinant;
+                    dy = (-ay * second + by * first) / determinant;
+                }
+                offsets.push([dx, dy]);
+            }
+        }
+        assert!(offsets.len() > 300, "{}", offsets.len());
+        for axis in 0..2 {
+            let along: Vec<f64> = offsets.iter().map(|offset| offset[axis]).collect();
+            assert!(mean(&along).abs() < 1e-3, "{distortion:?}: mean {}", mean(&along));
+            let squares: Vec<f64> = along.iter().map(|value| value * value).collect();
+            assert!(mean(&squares).sqrt() < 0.01, "{distortion:?}: {}", mean(&squares).sqrt());
+        }
+    }
+}
+
 #[test]
 fn cameras_that_cannot_be_are_refused_with_key_and_range() {
     let folder = tempfile::tempdir().expect("a temporary folder");
@@ -445,6 +580,11 @@ fn cameras_that_cannot_be_are_refused_with_key_and_range() {
             "dark_current_e_per_s = 1e6",
             "sensor.dark_current_e_per_s is 1000000, must be so small",
         ),
+        (
+            "read_noise_e = 3.0",
+            "read_noise_e = 2000.0",
+            "sensor.read_noise_e is 2000 (dsnu_e is 1.5), must be so small, both together",
+        ),
         ("bit_depth = 8\n", "bit_depth = 12\n", "output.jpeg_quality is 85, must be 0 unless"),
         (
             "gaussian_sigma_px = 0.7",
@@ -478,117 +618,6 @@ fn cameras_that_cannot_be_are_refused_with_key_and_range() {
         "{}",
         problem.chain()
     );
-}
-
-#[test]
-fn range_sensors_that_cannot_be_are_refused_with_key_and_range() {
-    let folder = tempfile::tempdir().expect("a temporary folder");
-    crate::support::copy_folder(&project().join("scenes"), folder.path());
-    for (text, problem) in [
-        ("noise_m = -0.1", "noise_m is -0.1, must be in [0, 10]"),
-        ("noise = 0.1", "unknown key \"noise\"; did you mean \"noise_m\"?"),
-        ("dropout = 1.5", "dropout is 1.5, must be in [0, 1]"),
-        ("width = 32", "width is 32 x 0, must be 0 where height is 0, and only there"),
-        ("min_depth_m = 3.0\nmax_depth_m = 2.0", "min_depth_m is 3, must be below max_depth_m, 2"),
-    ] {
-        std::fs::write(folder.path().join("range-sensors/mine.toml"), text).expect("written");
-        let found = read_range_sensor(folder.path(), "mine").expect_err(text).chain();
-        assert!(found.contains(problem), "{text}: {found}");
-    }
-    let found = read_range_sensor(folder.path(), "time-of-fligth").expect_err("a name").chain();
-    assert!(found.contains("did you mean \"time-of-flight\"?"), "{found}");
-}
-
-#[test]
-fn every_range_sensor_tells_points_near_the_surfaces_of_every_scene() {
-    let recipes = project().join("scenes");
-    let dataset = Dataset::open(plain_dataset()).expect("a dataset");
-    for name in recipe_names(&recipes, "range-sensors") {
-        let sensor = read_range_sensor(&recipes, &name).expect("a range sensor");
-        for scene in dataset.scenes() {
-            let scene = dataset.read(scene).expect("a scene");
-            let Description { range_camera, world_from_range, .. } = &scene.description;
-            let image = sensor
-                .measure(&scene.range, range_camera, *world_from_range, &[&scene.name])
-                .expect("a range image");
-            // Against the ray through the cell of the dataset's own sensor that looks there.
-            let (mut told, mut near) = (0, 0);
-            for y in 0..image.points.height() {
-                for x in 0..image.points.width() {
-                    let Some(point) = image.points.at(x, y) else { continue };
-                    told += 1;
-                    let at = range_camera.project(&point).expect("in front");
-                    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-                    let [column, row] = [at.x, at.y].map(|place| place.round() as usize);
-                    let Some(truth) = scene.range.points.at(column, row) else { continue };
-                    let noise_m = image.noise.standard_deviation_m(truth.z);
-                    near += usize::from((point.z - truth.z).abs() < 4.0 * noise_m + 0.03);
-                }
-            }
-            let all = image.points.width() * image.points.height();
-            assert!(told > all / 2, "{name} {}: {told} of {all}", scene.name);
-            assert!(near > told * 9 / 10, "{name} {}: {near} of {told}", scene.name);
-        }
-    }
-}
-
-#[test]
-fn expose_writes_range_images_beside_the_photographs() {
-    let folder = tempfile::tempdir().expect("a temporary folder");
-    let output = folder.path().join("photographs");
-    let mut command = cornerbench();
-    command.arg("expose").arg(plain_dataset()).args(["--camera", "ideal", "--repeats", "2"]);
-    succeed(command.args(["--range-sensor", "structured-light", "--output"]).arg(&output));
-    let all: serde_json::Value = serde_json::from_str(
-        &std::fs::read_to_string(output.join("photographs.json")).expect("a manifest"),
-    )
-    .expect("JSON");
-    assert_eq!(all["range_sensor"][0], "structured-light");
-    for scene in all["scenes"].as_array().expect("scenes") {
-        let folder = output.join(scene.as_str().expect("a name"));
-        let described: serde_json::Value = serde_json::from_str(
-            &std::fs::read_to_string(folder.join("exposures.json")).expect("exposures"),
-        )
-        .expect("JSON");
-        assert_eq!(described["range"]["camera"]["width"], 128);
-        let read = |number: usize| {
-            let file = &described["exposures"][number]["range"];
-            let file = folder.join(file.as_str().expect("a name"));
-            assert!(file.with_extension("png").is_file());
-            let image = exr::prelude::read_first_flat_layer_from_file(file).expect("EXR");
-            let channels = image.layer_data.channel_data.list;
-            let names: Vec<String> = channels.iter().map(|c| c.name.to_string()).collect();
-            assert_eq!(names, ["X", "Y", "Z"]);
-            channels[2].sample_data.values_as_f32().collect::<Vec<_>>()
-        };
-        let (first, second) = (read(0), read(1));
-        assert_eq!(first.len(), 128 * 128);
-        assert_ne!(first, second, "noise of their own");
-    }
-}
-
-#[test]
-fn a_plan_s_range_sensor_is_used_and_named() {
-    let recipes = tempfile::tempdir().expect("a temporary folder");
-    crate::support::copy_folder(&crate::support::recipes(), recipes.path());
-    // One that tells nothing: no grasp can be made.
-    std::fs::write(recipes.path().join("range-sensors/blind.toml"), "dropout = 1.0").expect("file");
-    let plan = recipes.path().join("plans/plain.toml");
-    let text = std::fs::read_to_string(&plan).expect("a plan");
-    std::fs::write(&plan, format!("range_sensor = \"blind\"\n{text}")).expect("written");
-    let output = recipes.path().join("run");
-    let mut command = cornerbench();
-    command.args(["measure", "plain"]).arg(plain_dataset()).arg("--recipes").arg(recipes.path());
-    succeed(command.arg("--output").arg(&output));
-    let described: serde_json::Value =
-        serde_json::from_str(&std::fs::read_to_string(output.join("run.json")).expect("run.json"))
-            .expect("JSON");
-    assert_eq!(described["range_sensor"], "blind");
-    let summary = std::fs::read_to_string(output.join("summary.json")).unwrap_or_default();
-    let records = read_records(&output.join("records.parquet")).expect("records");
-    let grasps: Vec<_> = records.iter().filter(|record| record.kind == "grasp").collect();
-    assert!(!grasps.is_empty(), "{summary}");
-    assert!(grasps.iter().all(|grasp| grasp.status != "ok"), "{summary}");
 }
 
 #[test]
@@ -654,7 +683,6 @@ fn expose_writes_pictures_light_and_truth_of_every_scene() {
 
 /// The same camera in NumPy and SciPy: the light on the pixels, and the digital numbers, row by row.
 fn by_numpy(film: &Film, model: &CameraModel, phase_px: [f64; 2]) -> (Vec<f32>, Vec<f32>) {
-    let sensor = model.sensor.as_ref().expect("a sensor");
     let side = film.radiance[0].width() / film.oversampling as usize;
     let folder = tempfile::tempdir().expect("a temporary folder");
     let path = |name: &str| folder.path().join(name);
@@ -666,14 +694,7 @@ fn by_numpy(film: &Film, model: &CameraModel, phase_px: [f64; 2]) -> (Vec<f32>, 
     std::fs::write(path("film.f32"), bytes).expect("written");
     let settings = serde_json::json!({
         "oversampling": film.oversampling, "side_px": side, "phase_px": phase_px, "repeats": 1,
-        "sigma_px": model.optics.gaussian_sigma_px, "fill_factor": model.optics.fill_factor,
-        "electrons_at_one": sensor.electrons_at_one(),
-        "sensor": {
-            "prnu": sensor.prnu, "dark_e": sensor.dark_e(), "full_well_e": sensor.full_well_e,
-            "dsnu_e": sensor.dsnu_e, "read_noise_e": sensor.read_noise_e,
-            "black_level_dn": sensor.black_level_dn, "gain_dn_per_e": sensor.gain_dn_per_e,
-            "bit_depth": sensor.bit_depth,
-        },
+        "camera": model,
     });
     std::fs::write(path("settings.json"), settings.to_string()).expect("written");
     let mut command = Command::new(python());

@@ -12,6 +12,7 @@ mod layers;
 mod opencv;
 mod oracle;
 mod python;
+mod range_sensors;
 mod rendering;
 mod setup;
 mod support;

@@ -1,7 +1,7 @@
 """The camera model once more, in NumPy and SciPy: slow, and plain to see.
 
 `python exposure_oracle.py FILM.f32 OUT.f32 SETTINGS.json` reads the red, green and blue radiance of
-a film, and writes the light on the pixels, then the digital numbers of one photograph. It prints
+a film, and a camera as a recipe has it, and writes the light on the pixels, then the digital numbers of one photograph. It prints
 how long the photograph took [s]: the median of several.
 """
 
@@ -37,7 +37,9 @@ def light(film, settings):
     """Return the light on the pixels, of shape (3, height, width)."""
     scale = settings["oversampling"]
     for axis, phase_px in ((1, settings["phase_px"][1]), (2, settings["phase_px"][0])):
-        first, found = weights(scale, settings["sigma_px"], settings["fill_factor"], phase_px)
+        optics = settings["camera"]["optics"]
+        sigma_px, fill_factor = optics["gaussian_sigma_px"], optics["fill_factor"]
+        first, found = weights(scale, sigma_px, fill_factor, phase_px)
         before, after = -first, first + len(found) - scale
         padding = [(0, 0)] * 3
         padding[axis] = (max(before, 0) + len(found), max(after, 0) + len(found))
@@ -48,10 +50,22 @@ def light(film, settings):
     return film
 
 
+def electrons_at_one(sensor):
+    """Return the mean electrons of each colour where the radiance is 1: EMVA 1288, equations 2 to 4.
+
+    A photon's energy is h c / wavelength.
+    """
+    energy_j = 6.626_070_15e-34 * 299_792_458.0 / (1e-9 * np.array(sensor["wavelength_nm"]))
+    area_cm2 = (1e-4 * sensor["pixel_pitch_um"]) ** 2
+    exposure_j = 1e-6 * sensor["irradiance_uw_cm2"] * area_cm2 * 1e-3 * sensor["exposure_time_ms"]
+    return np.array(sensor["quantum_efficiency"]) * exposure_j / energy_j
+
+
 def numbers(light_e, sensor, random):
     """Return the digital numbers of mean electrons."""
+    dark_e = 1e-3 * sensor["exposure_time_ms"] * sensor["dark_current_e_per_s"]
     light_e = light_e * (1.0 + sensor["prnu"] * random.standard_normal(light_e.shape))
-    electrons = random.poisson(np.maximum(light_e, 0.0) + sensor["dark_e"]).astype(float)
+    electrons = random.poisson(np.maximum(light_e, 0.0) + dark_e).astype(float)
     electrons = np.minimum(electrons, sensor["full_well_e"])
     electrons += sensor["dsnu_e"] * random.standard_normal(light_e.shape)
     electrons += sensor["read_noise_e"] * random.standard_normal(light_e.shape)
@@ -69,8 +83,9 @@ def main():
     def photograph():
         """Return light and numbers."""
         on_pixels = light(film, settings)
-        electrons = on_pixels * np.array(settings["electrons_at_one"])[:, None, None]
-        return on_pixels, numbers(electrons, settings["sensor"], np.random.default_rng(1))
+        sensor = settings["camera"]["sensor"]
+        electrons = on_pixels * electrons_at_one(sensor)[:, None, None]
+        return on_pixels, numbers(electrons, sensor, np.random.default_rng(1))
 
     np.stack(photograph()).astype("<f4").tofile(output)
     took_s = []
