@@ -50,8 +50,9 @@ pub struct Sensor {
 }
 
 /// Photons on a square micrometre in a millisecond, at one microwatt per square centimetre, by
-/// wavelength in micrometres: EMVA 1288, equation 4.
-const PHOTONS: f64 = 50.55;
+/// wavelength in micrometres: EMVA 1288, equation 4. The standard prints 50.55; Planck's constant times
+/// the speed of light, exact since 2019, give 50.34.
+const PHOTONS: f64 = 1e-23 / (6.626_070_15e-34 * 299_792_458.0);
 
 impl Sensor {
     /// Mean electrons from light where the radiance is 1, in each colour.
