@@ -1,6 +1,6 @@
 //! The one error type: what failed, where, what was found, what is allowed, and the next step.
 
-use std::fmt::Write as _;
+use std::fmt::{Display, Write as _};
 use std::path::{Path, PathBuf};
 
 /// What the crate's fallible functions return.
@@ -93,6 +93,21 @@ pub enum Error {
 }
 
 impl Error {
+    /// [`Error::OutOfRange`]: where, which key, what was found, what is allowed.
+    pub fn out_of_range(
+        place: impl Display,
+        key: impl Into<String>,
+        found: impl Display,
+        allowed: impl Into<String>,
+    ) -> Self {
+        Self::OutOfRange {
+            place: place.to_string(),
+            key: key.into(),
+            found: found.to_string(),
+            allowed: allowed.into(),
+        }
+    }
+
     /// An I/O failure on `path`; `action` completes "cannot ...".
     pub fn io(path: &Path, action: &'static str) -> impl FnOnce(std::io::Error) -> Self {
         let path = path.to_owned();

@@ -243,12 +243,12 @@ impl Pipeline {
         // A pipeline's name is part of file names and addresses.
         let legal = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-' || c == '_';
         if file.name.is_empty() || !file.name.chars().all(legal) {
-            return Err(Error::OutOfRange {
-                place: place.to_owned(),
-                key: "name".into(),
-                found: format!("{:?}", file.name),
-                allowed: "one or more of a-z, 0-9, - and _".into(),
-            });
+            return Err(Error::out_of_range(
+                place,
+                "name",
+                format!("{:?}", file.name),
+                "one or more of a-z, 0-9, - and _",
+            ));
         }
         Ok(Self {
             target: stage(place, "target", "target extractor", EXTRACTORS, file.target)?,
@@ -274,12 +274,7 @@ fn stage<T: ?Sized>(
     let name = match table.remove("algorithm") {
         Some(toml::Value::String(name)) => name,
         Some(other) => {
-            return Err(Error::OutOfRange {
-                place,
-                key: "algorithm".into(),
-                found: other.to_string(),
-                allowed: "a name in quotes".into(),
-            });
+            return Err(Error::out_of_range(place, "algorithm", other, "a name in quotes"));
         }
         None => return Err(Error::Other(format!("{place}: algorithm is missing"))),
     };

@@ -178,12 +178,7 @@ where
     if allowed.contains(&value) {
         Ok(value)
     } else {
-        Err(Error::OutOfRange {
-            place: place.to_owned(),
-            key: key.to_owned(),
-            found: value.to_string(),
-            allowed: format!("in {}", interval(&allowed)),
-        })
+        Err(Error::out_of_range(place, key, value, format!("in {}", interval(&allowed))))
     }
 }
 

@@ -11,7 +11,6 @@ from cornerscenes.camera import Camera
 from cornerscenes.mitsuba_backend import World
 from cornerscenes.scene import Scene
 
-
 # Rays across a cell of the range sensor, and down.
 RANGE_OVERSAMPLING = 8
 

@@ -210,12 +210,13 @@ class Dataset:
                 f"{self.storage}/{INDEX}: not a dataset's index ({place}: {first['msg']}); choose "
                 f"another folder"
             ) from error
-        if (index.format, index.suite) != (FORMAT, self._suite):
+        if index.suite != self._suite or index.format > FORMAT:
             raise DatasetError(
                 f"{self.storage}: holds suite {index.suite!r} in format {index.format}, not "
                 f"{self._suite!r} in format {FORMAT}; choose another folder"
             )
-        return index.scenes
+        # Of an older format no scene is whole: all are rendered again.
+        return index.scenes if index.format == FORMAT else {}
 
 
 def sha256(path: Path) -> str:

@@ -9,7 +9,7 @@ import OpenEXR
 import pytest
 
 from cornerscenes import exr
-from cornerscenes.dataset import INDEX, Dataset, DatasetError, Renderer, sha256
+from cornerscenes.dataset import FORMAT, INDEX, Dataset, DatasetError, Renderer, sha256
 from cornerscenes.storage import ENTRY, Storage, storage_at
 
 RENDERER = Renderer(name="none", version="0", variant="none")
@@ -126,6 +126,20 @@ def test_another_suite_s_dataset_is_neither_taken_nor_overwritten(storage: Stora
     with pytest.raises(DatasetError, match=r"holds suite 's'.*not 't'"):
         Dataset(storage, "t")
     assert Dataset(storage, "s").is_current("one", "recipe", None)
+
+
+def test_an_older_format_s_dataset_is_replaced_and_a_newer_one_s_is_left(tmp_path: Path):
+    storage = storage_at(str(tmp_path))
+    add(storage, "one", "two")
+    published(storage, "one", "two")
+    path = tmp_path / INDEX
+    text = path.read_text()
+    path.write_text(text.replace(f'"format": {FORMAT}', f'"format": {FORMAT - 1}'))
+    assert published(storage, "one") == ["one"]
+    assert path.read_text().count(f'"format": {FORMAT}') == 1
+    path.write_text(text.replace(f'"format": {FORMAT}', f'"format": {FORMAT + 1}'))
+    with pytest.raises(DatasetError, match="choose another folder"):
+        Dataset(storage, "s")
 
 
 @pytest.mark.parametrize("text", ["{", "[]", '{"format": 1}'])

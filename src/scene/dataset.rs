@@ -94,7 +94,13 @@ impl Dataset {
         })?;
         let manifest: Manifest = parse(&path, &bytes)?;
         if manifest.format != FORMAT {
-            let problem = format!("format is {}, this program reads {FORMAT}", manifest.format);
+            let problem = format!(
+                "format is {}, this program reads {FORMAT}; render it again: \
+                 cornerbench render {} -o {}",
+                manifest.format,
+                manifest.suite,
+                folder.display()
+            );
             return Err(Error::malformed(&path, problem));
         }
         let legal = |name: &str| {
@@ -225,11 +231,8 @@ impl Dataset {
         }
         check_camera(&path, "camera", &description.camera)?;
         check_camera(&path, "range_camera", &description.range_camera)?;
-        let out_of_range = |key: &str, found: String, allowed: String| Error::OutOfRange {
-            place: path.display().to_string(),
-            key: key.into(),
-            found,
-            allowed,
+        let out_of_range = |key: &str, found: String, allowed: String| {
+            Error::out_of_range(path.display(), key, found, allowed)
         };
         if !(1..=64).contains(&description.range_oversampling) {
             let found = description.range_oversampling.to_string();

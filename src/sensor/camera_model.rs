@@ -129,12 +129,7 @@ impl CameraModel {
     /// [`Error::OutOfRange`] for numbers that no camera can have.
     pub fn check(&self, place: &str) -> Result<()> {
         let out = |key: &str, found: String, allowed: &str| {
-            Err(Error::OutOfRange {
-                place: place.to_owned(),
-                key: key.to_owned(),
-                found,
-                allowed: allowed.to_owned(),
-            })
+            Err(Error::out_of_range(place, key, found, allowed))
         };
         if self.output.jpeg_quality > 0 && (self.output.bit_depth != 8 || !self.output.rounded) {
             let found = self.output.jpeg_quality.to_string();
@@ -196,12 +191,12 @@ impl CameraModel {
         }
         let is_beside = Path::new(name).file_name().is_some_and(|file| file == name.as_str());
         if !is_beside {
-            return Err(Error::OutOfRange {
-                place: folder.display().to_string(),
-                key: "optics.psf_image".into(),
-                found: format!("{name:?}"),
-                allowed: "the name of a file in this folder".into(),
-            });
+            return Err(Error::out_of_range(
+                folder.display(),
+                "optics.psf_image",
+                format!("{name:?}"),
+                "the name of a file in this folder",
+            ));
         }
         let path: PathBuf = folder.join(name);
         let picture = image::open(&path).map_err(|error| Error::malformed(&path, error))?;

@@ -105,16 +105,16 @@ impl Photographer {
             return Ok(None);
         }
         if !(Camera { distortion: *distortion, ..*camera }).is_one_to_one() {
-            return Err(Error::OutOfRange {
-                place: format!("camera {}", self.name),
-                key: "optics.distortion".into(),
-                found: format!("{distortion:?}"),
-                allowed: format!(
+            return Err(Error::out_of_range(
+                format!("camera {}", self.name),
+                "optics.distortion",
+                format!("{distortion:?}"),
+                format!(
                     "such that no two points of a {} x {} px image with focal length {:.1} px are \
                      seen at one place",
                     camera.width, camera.height, camera.fx_px
                 ),
-            });
+            ));
         }
         Ok(Some(distorted(film, camera, distortion)))
     }
@@ -170,15 +170,15 @@ impl Photographer {
         let sigma_px = optics.gaussian_sigma_px;
         let is_same = junction.iter().all(|j| (j.sigma_px - sigma_px).abs() < 1e-9);
         if !is_same || !self.spread.is_point() || !optics.distortion.is_none() {
-            return Err(Error::OutOfRange {
-                place: format!("camera {}", self.name),
-                key: "optics".into(),
-                found: format!("{optics:?}"),
-                allowed: format!(
+            return Err(Error::out_of_range(
+                format!("camera {}", self.name),
+                "optics",
+                format!("{optics:?}"),
+                format!(
                     "a Gaussian blur alone, of the junction's {} px, without distortion",
                     junction[0].sigma_px
                 ),
-            });
+            ));
         }
         let (wanted, window) = self.windows(camera, shot);
         let aperture_px = optics.fill_factor.sqrt().max(1e-3);

@@ -93,12 +93,7 @@ impl RangeSensor {
     /// [`Error::OutOfRange`] with key, found, allowed.
     pub fn check(&self, place: &str) -> Result<()> {
         let out = |key: &str, found: String, allowed: &str| {
-            Err(Error::OutOfRange {
-                place: place.to_owned(),
-                key: key.to_owned(),
-                found,
-                allowed: allowed.to_owned(),
-            })
+            Err(Error::out_of_range(place, key, found, allowed))
         };
         if (self.width == 0) != (self.height == 0) {
             let found = format!("{} x {}", self.width, self.height);
@@ -140,12 +135,12 @@ impl RangeSensor {
             (width, height) => [width, height],
         };
         if size[0] > fine[0] || size[1] > fine[1] {
-            return Err(Error::OutOfRange {
-                place: "range sensor".into(),
-                key: "width, height".into(),
-                found: format!("{} x {} cells", size[0], size[1]),
-                allowed: format!("at most {} x {}, the dataset's rays", fine[0], fine[1]),
-            });
+            return Err(Error::out_of_range(
+                "range sensor",
+                "width, height",
+                format!("{} x {} cells", size[0], size[1]),
+                format!("at most {} x {}, the dataset's rays", fine[0], fine[1]),
+            ));
         }
         let own = camera.resized(size);
         let lit = lit(&rays.depth_m, camera.resized(fine).fx_px, self.baseline_m);

@@ -6,7 +6,7 @@ use std::path::Path;
 use serde_json::Value;
 
 use cornerbench::record::{Record, kind, read_records};
-use cornerbench::scene::{Dataset, Junction, TargetKind, TrueCorner, sha256_hex};
+use cornerbench::scene::{Dataset, FORMAT, Junction, TargetKind, TrueCorner, sha256_hex};
 use nalgebra::Point3;
 
 use crate::support::{
@@ -356,6 +356,22 @@ fn a_manifest_that_points_outside_its_folder_is_refused() {
     let output = run(cornerbench().arg("verify").arg(copy.path()));
     assert_eq!(output.status.code(), Some(2));
     assert!(stderr(&output).contains("../above"), "{}", stderr(&output));
+}
+
+#[test]
+fn a_dataset_of_another_format_says_how_to_render_it_again() {
+    let copy = copy_of_plain();
+    let path = copy.path().join("dataset.json");
+    let text = fs::read_to_string(&path).expect("a manifest");
+    let older = text.replacen(&format!("\"format\": {FORMAT}"), "\"format\": 1", 1);
+    assert_ne!(older, text);
+    fs::write(&path, older).expect("written");
+    let output = run(cornerbench().arg("verify").arg(copy.path()));
+    assert_eq!(output.status.code(), Some(2));
+    let wanted = format!("format is 1, this program reads {FORMAT}; render it again");
+    assert!(stderr(&output).contains(&wanted), "{}", stderr(&output));
+    render("plain", copy.path());
+    assert_eq!(verify(copy.path()).0, Some(0));
 }
 
 #[test]

@@ -1,8 +1,8 @@
 """The camera model once more, in NumPy and SciPy: slow, and plain to see.
 
 `python exposure_oracle.py FILM.f32 OUT.f32 SETTINGS.json` reads the red, green and blue radiance of
-a film, and a camera as a recipe has it, and writes the light on the pixels, then the digital numbers of one photograph. It prints
-how long the photograph took [s]: the median of several.
+a film, and a camera as a recipe has it, and writes the light on the pixels, then the digital numbers
+of one photograph. It prints how long the photograph took [s]: the median of several.
 """
 
 import json
@@ -51,9 +51,9 @@ def light(film, settings):
 
 
 def electrons_at_one(sensor):
-    """Return the mean electrons of each colour where the radiance is 1: EMVA 1288, equations 2 to 4.
+    """Return the mean electrons of each colour where the radiance is 1.
 
-    A photon's energy is h c / wavelength.
+    EMVA 1288, equations 2 to 4; a photon's energy is h c / wavelength.
     """
     energy_j = 6.626_070_15e-34 * 299_792_458.0 / (1e-9 * np.array(sensor["wavelength_nm"]))
     area_cm2 = (1e-4 * sensor["pixel_pitch_um"]) ** 2
