@@ -1,8 +1,8 @@
 """The camera model once more, in NumPy and SciPy: slow, and plain to see.
 
 `python exposure_oracle.py FILM.f32 OUT.f32 SETTINGS.json` reads the red, green and blue radiance of
-a film, and a camera as a recipe has it, and writes the light on the pixels, then the digital numbers
-of one photograph. It prints how long the photograph took [s]: the median of several.
+a film, and a camera as a recipe has it, and writes the light on the pixels, then the digital
+numbers of one photograph. It prints how long the photograph took [s]: the median of several.
 """
 
 import json
