@@ -1,7 +1,9 @@
 //! From an exposure to corner candidates.
 
-use std::cmp::Ordering;
 use std::ops::Range;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 
 use crate::geometry::ImagePoint;
 use crate::image::{PixelRange, Plane};
@@ -9,7 +11,13 @@ use crate::registry::Entry;
 use crate::sensor::Exposure;
 use crate::target::TargetRegion;
 
+pub mod foerstner;
+pub mod good_features;
 pub mod harris;
+pub mod noble;
+pub mod rohr;
+pub mod shi_tomasi;
+pub mod tensor;
 
 /// A corner candidate.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -28,7 +36,14 @@ pub trait Detector: Send + Sync {
 }
 
 /// Every detector that a plan can name, in alphabetical order.
-pub const DETECTORS: &[Entry<dyn Detector>] = &[harris::ENTRY];
+pub const DETECTORS: &[Entry<dyn Detector>] = &[
+    foerstner::ENTRY,
+    good_features::ENTRY,
+    harris::ENTRY,
+    noble::ENTRY,
+    rohr::ENTRY,
+    shi_tomasi::ENTRY,
+];
 
 /// The pixels that may become candidates.
 struct SearchArea {
@@ -85,14 +100,31 @@ impl SearchArea {
     }
 }
 
-/// When a response counts as a corner.
-struct PeakRule {
-    /// Nothing within a square of this half side is stronger \[px\].
-    radius: usize,
-    /// More than this fraction of the strongest response of the searched area.
-    threshold_rel: f64,
-    /// More than this, in the detector's unit; not negative.
-    threshold: f64,
+/// When a response counts as a corner: parameters that detectors share.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
+pub struct Peaks {
+    /// Threshold as a fraction of the strongest response searched.
+    #[schemars(range(min = 0.0), extend("exclusiveMaximum" = 1.0))]
+    pub threshold_rel: f64,
+    /// Threshold on the response itself, in the detector's unit.
+    #[schemars(range(min = 0.0))]
+    pub threshold: f64,
+    /// The most corners, the strongest ones; 0: all.
+    #[schemars(range(min = 0, max = 1_000_000))]
+    pub most: u32,
+    /// Half side of the square in which a corner is the maximum \[px\].
+    #[schemars(range(min = 1, max = 64))]
+    pub nms_radius_px: u32,
+    /// How far around the region to search \[px\].
+    #[schemars(range(min = 0.0, max = 1000.0))]
+    pub margin_px: f64,
+}
+
+impl Default for Peaks {
+    fn default() -> Self {
+        Self { threshold_rel: 0.01, threshold: 0.0, most: 0, nms_radius_px: 2, margin_px: 3.0 }
+    }
 }
 
 /// The peaks of `response` in `area`, strongest first, equals by row, then column.
@@ -105,7 +137,7 @@ fn peaks(
     response: &Plane<f32>,
     origin: [usize; 2],
     area: &SearchArea,
-    rule: &PeakRule,
+    rule: &Peaks,
 ) -> Vec<Detection> {
     let [x0, y0] = origin;
     let samples = |y: usize, columns: Range<usize>| {
@@ -117,31 +149,124 @@ fn peaks(
         .fold(0.0, |strongest, &r| if r > strongest { r } else { strongest });
     let threshold = rule.threshold.max(rule.threshold_rel * f64::from(strongest));
 
+    let radius = rule.nms_radius_px as usize;
     let around = |centre: usize, first: usize, size: usize| {
-        centre.saturating_sub(rule.radius).max(first)..(centre + rule.radius + 1).min(first + size)
+        centre.saturating_sub(radius).max(first)..(centre + radius + 1).min(first + size)
     };
-    let is_peak = |x: usize, y: usize, r: f32| {
+    // Of equals the first: none before it is as strong.
+    let is_first = |x: usize, y: usize, r: f32| {
         let columns = around(x, x0, response.width());
-        around(y, y0, response.height()).all(|row| match row.cmp(&y) {
-            Ordering::Less => samples(row, columns.clone()).iter().all(|&other| other < r),
-            Ordering::Equal => {
-                samples(y, columns.start..x).iter().all(|&other| other < r)
-                    && samples(y, x..columns.end).iter().all(|&other| other <= r)
-            }
-            Ordering::Greater => samples(row, columns.clone()).iter().all(|&other| other <= r),
+        around(y, y0, response.height()).take_while(|&row| row <= y).all(|row| {
+            let end = if row < y { columns.end } else { x };
+            samples(row, columns.start..end).iter().all(|&other| other < r)
         })
     };
     let mut peaks = Vec::new();
+    #[allow(clippy::cast_possible_truncation, reason = "no response lies between")]
+    let least = threshold as f32;
+    maxima(response, origin, area, radius, least, |x, y, r| {
+        if f64::from(r) > threshold && is_first(x, y, r) {
+            let point = ImagePoint::new(x as f64, y as f64);
+            peaks.push(Detection { point, response: f64::from(r) });
+        }
+    });
+    peaks.sort_by(|a, b| b.response.total_cmp(&a.response)); // stable: equals stay in row order
+    if rule.most > 0 {
+        peaks.truncate(rule.most as usize);
+    }
+    peaks
+}
+
+/// Calls `on` with place and response of every pixel of `area`, by row, then column, that is not less
+/// than `least` and than anything within the square of half side `radius`; `response` and `origin` are
+/// those of [`peaks`].
+fn maxima(
+    response: &Plane<f32>,
+    [x0, y0]: [usize; 2],
+    area: &SearchArea,
+    radius: usize,
+    least: f32,
+    mut on: impl FnMut(usize, usize, f32),
+) {
+    let mut row = MaximaRow::default();
     for (y, columns) in area.rows() {
-        for (x, &r) in columns.clone().zip(samples(y, columns)) {
-            if f64::from(r) > threshold && is_peak(x, y, r) {
-                let point = ImagePoint::new(x as f64, y as f64);
-                peaks.push(Detection { point, response: f64::from(r) });
+        let y = y - y0;
+        let rows = y.saturating_sub(radius)..(y + radius + 1).min(response.height());
+        let columns = columns.start - x0..columns.end - x0;
+        let (first, count) = (columns.start, columns.len());
+        pulp::Arch::new().dispatch(MarkMaxima {
+            response,
+            y,
+            rows,
+            columns,
+            radius,
+            least,
+            row: &mut row,
+        });
+        // Most stretches of a row have none.
+        for (block, marks) in row.marks[..count].chunks(16).enumerate() {
+            if marks.iter().any(|&mark| mark > 0) {
+                for (index, _) in marks.iter().enumerate().filter(|(_, mark)| **mark > 0) {
+                    let x = first + 16 * block + index;
+                    on(x + x0, y + y0, response.at(x, y));
+                }
             }
         }
     }
-    peaks.sort_by(|a, b| b.response.total_cmp(&a.response)); // stable: equals stay in row order
-    peaks
+}
+
+/// Memory of [`maxima`]: of one row.
+#[derive(Default)]
+struct MaximaRow {
+    /// The largest of each column, with `radius` more on each side.
+    columns: Vec<f32>,
+    /// The largest of each square.
+    squares: Vec<f32>,
+    /// 1 where a pixel is not less than it.
+    marks: Vec<u8>,
+}
+
+/// Marks the maxima of a part of a row: compiled for the machine's vectors.
+struct MarkMaxima<'a> {
+    response: &'a Plane<f32>,
+    y: usize,
+    rows: Range<usize>,
+    columns: Range<usize>,
+    radius: usize,
+    least: f32,
+    row: &'a mut MaximaRow,
+}
+
+impl pulp::WithSimd for MarkMaxima<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, _: S) {
+        let Self { response, y, rows, columns, radius, least, row } = self;
+        let count = columns.len();
+        row.columns.clear();
+        row.columns.resize(count + 2 * radius, f32::NEG_INFINITY);
+        let from = columns.start.saturating_sub(radius);
+        let to = (columns.end + radius).min(response.width());
+        let largest = &mut row.columns[from + radius - columns.start..to + radius - columns.start];
+        for y in rows {
+            for (largest, &r) in largest.iter_mut().zip(&response.row(y)[from..to]) {
+                *largest = if r > *largest { r } else { *largest };
+            }
+        }
+        row.squares.clear();
+        row.squares.extend_from_slice(&row.columns[..count]);
+        for shift in 1..=2 * radius {
+            for (square, &column) in row.squares.iter_mut().zip(&row.columns[shift..]) {
+                *square = if column > *square { column } else { *square };
+            }
+        }
+        row.marks.resize(count, 0);
+        let samples = &response.row(y)[columns];
+        for ((mark, &r), &square) in row.marks.iter_mut().zip(samples).zip(&row.squares) {
+            *mark = u8::from(r >= square) & u8::from(r >= least);
+        }
+    }
 }
 
 #[cfg(test)]
@@ -151,14 +276,15 @@ mod tests {
     const EVERYWHERE: SearchArea =
         SearchArea { range: PixelRange { x0: 0, y0: 0, x1: 5, y1: 4 }, quadrilateral: None };
 
-    fn peak_pixels(rows: [[f32; 5]; 4], rule: &PeakRule) -> Vec<[f64; 2]> {
+    fn peak_pixels(rows: [[f32; 5]; 4], rule: &Peaks) -> Vec<[f64; 2]> {
         let response = Plane::from_samples(5, 4, rows.concat());
         peaks(&response, [0, 0], &EVERYWHERE, rule).iter().map(|peak| peak.point.into()).collect()
     }
 
     #[test]
     fn a_plateau_is_one_peak_and_the_strongest_comes_first() {
-        let rule = PeakRule { radius: 1, threshold_rel: 0.01, threshold: 0.0 };
+        let rule =
+            Peaks { nms_radius_px: 1, threshold_rel: 0.01, threshold: 0.0, ..Peaks::default() };
         let rows = [
             [3.0, 3.0, 0.0, 0.0, 0.0],
             [3.0, 3.0, 0.0, 0.0, 9.0],
@@ -176,15 +302,30 @@ mod tests {
             [0.0, 0.0, 0.0, 0.0, 0.0],
             [5.0, 0.0, 0.0, 0.0, 0.0],
         ];
-        let relative = PeakRule { radius: 1, threshold_rel: 0.5, threshold: 0.0 };
+        let relative =
+            Peaks { nms_radius_px: 1, threshold_rel: 0.5, threshold: 0.0, ..Peaks::default() };
         assert_eq!(peak_pixels(rows, &relative), [[0.0, 0.0], [0.0, 3.0]]);
-        let absolute = PeakRule { radius: 1, threshold_rel: 0.5, threshold: 5.0 };
+        let absolute =
+            Peaks { nms_radius_px: 1, threshold_rel: 0.5, threshold: 5.0, ..Peaks::default() };
         assert_eq!(peak_pixels(rows, &absolute), [[0.0, 0.0]]);
     }
 
     #[test]
+    fn of_many_the_strongest_are_returned() {
+        let rows = [
+            [8.0, 0.0, 0.0, 0.0, 4.0],
+            [0.0, 0.0, 0.0, 0.0, 0.0],
+            [0.0, 0.0, 0.0, 0.0, 0.0],
+            [5.0, 0.0, 0.0, 0.0, 0.0],
+        ];
+        let rule = Peaks { nms_radius_px: 1, most: 2, ..Peaks::default() };
+        assert_eq!(peak_pixels(rows, &rule), [[0.0, 0.0], [0.0, 3.0]]);
+    }
+
+    #[test]
     fn nothing_positive_is_nothing_found() {
-        let rule = PeakRule { radius: 2, threshold_rel: 0.0, threshold: 0.0 };
+        let rule =
+            Peaks { nms_radius_px: 2, threshold_rel: 0.0, threshold: 0.0, ..Peaks::default() };
         assert!(peak_pixels([[0.0; 5]; 4], &rule).is_empty());
         assert!(peak_pixels([[-1.0; 5]; 4], &rule).is_empty());
     }

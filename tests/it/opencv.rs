@@ -7,6 +7,15 @@ use std::process::Command;
 use proptest::prelude::Rng;
 use proptest::test_runner::{RngAlgorithm, TestRng};
 
+use cornerbench::detect::Detector;
+use cornerbench::detect::good_features::GoodFeatures;
+use cornerbench::detect::harris::Harris;
+use cornerbench::detect::shi_tomasi::ShiTomasi;
+use cornerbench::detect::tensor::{Derivative, StructureTensor, TensorBuffers, Window};
+use cornerbench::filter::Border;
+use cornerbench::image::Plane;
+use cornerbench::sensor::Exposure;
+
 use crate::support::{cornerbench, project, python, succeed};
 
 const SEEDS: usize = 1000;
@@ -52,4 +61,94 @@ fn corner_sub_pix_equals_opencv_over_a_rendered_picture() {
     }
     assert_eq!(theirs.lines().count(), SEEDS);
     assert!(far.len() <= SEEDS / 100, "{} of {SEEDS} differ:\n{}", far.len(), far.join("\n"));
+}
+
+/// OpenCV's form of the structure tensor's measures, of a plane.
+fn as_opencv(plane: &Plane<f32>, measure: impl Fn(f32, f32, f32) -> f32) -> Plane<f32> {
+    let tensor = StructureTensor {
+        derivative: Derivative::Sobel,
+        window: Window::Box,
+        border: Border::Reflect,
+        ..StructureTensor::default()
+    };
+    let mut response = Plane::filled(plane.width(), plane.height(), f32::NAN);
+    let buffers = &mut TensorBuffers::default();
+    tensor.kernels().response(&[(plane, 1.0)], buffers, measure, &mut response);
+    response
+}
+
+/// On a rendered photograph, on texture and on noise, to the border: the responses to 1e-5 of the
+/// largest, the points of `goodFeaturesToTrack` in their order.
+#[test]
+fn detectors_equal_opencv() {
+    let rendered = image::open(project().join("tests/fixtures/overhead-leaves.png"))
+        .expect("a picture")
+        .to_rgb8();
+    let mut random = TestRng::from_seed(RngAlgorithm::ChaCha, &[9; 32]);
+    let noise = image::RgbImage::from_fn(133, 71, |_, _| {
+        #[allow(clippy::cast_possible_truncation, reason = "any byte")]
+        let value = random.next_u32() as u8;
+        image::Rgb([value; 3])
+    });
+    let texture = image::RgbImage::from_fn(200, 160, |x, y| {
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a grey value")]
+        let value = crate::drawn::texture(x as usize, y as usize).clamp(0.0, 255.0) as u8;
+        image::Rgb([value; 3])
+    });
+    for (name, picture) in [("rendered", rendered), ("noise", noise), ("texture", texture)] {
+        let exposure = Exposure::from_picture(&picture);
+        let luma = exposure.luma();
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let file = folder.path().join("luma.png");
+        let grey = image::GrayImage::from_fn(picture.width(), picture.height(), |x, y| {
+            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "whole")]
+            let value = luma.at(x as usize, y as usize) as u8;
+            image::Luma([value])
+        });
+        grey.save(&file).expect("written");
+        let said = succeed(
+            Command::new(python())
+                .arg(project().join("scripts/tests/peers/opencv_detectors.py"))
+                .args([&file, folder.path()])
+                .arg("1"),
+        );
+        let theirs = |response: &str| -> Vec<f32> {
+            fs::read(folder.path().join(format!("{response}.f32")))
+                .expect("a response")
+                .chunks_exact(4)
+                .map(|four| f32::from_le_bytes(four.try_into().expect("four bytes")))
+                .collect()
+        };
+        let harris = as_opencv(luma, Harris::default().measure());
+        let eigenvalue = as_opencv(luma, ShiTomasi::default().measure());
+        for (kind, ours, unit) in [
+            ("harris", &harris, 255.0_f32.powi(4) / 16.0),
+            ("harris_float", &harris, 1.0 / 16.0),
+            ("min_eigenvalue", &eigenvalue, 255.0_f32.powi(2) / 4.0),
+        ] {
+            let theirs = theirs(kind);
+            let largest = theirs.iter().fold(0.0, |most: f32, value| most.max(value.abs()));
+            let far = ours
+                .samples()
+                .iter()
+                .zip(&theirs)
+                .map(|(ours, theirs)| (ours / unit - theirs).abs() / largest)
+                .fold(0.0, f32::max);
+            assert!(far < 1e-5, "{name}: {kind} differs by {far} of the largest");
+        }
+        let said: serde_json::Value = serde_json::from_str(&said).expect("JSON");
+        let theirs: Vec<[f64; 2]> = serde_json::from_value(said["points"].clone()).expect("points");
+        let ours: Vec<[f64; 2]> = GoodFeatures::default()
+            .detect(&exposure, None)
+            .iter()
+            .map(|found| found.point.into())
+            .collect();
+        assert!(theirs.len() > 20, "{name}: {}", theirs.len());
+        assert_eq!(ours.len(), theirs.len(), "{name}");
+        let is_other = |(ours, theirs): &(&[f64; 2], &[f64; 2])| {
+            (ours[0] - theirs[0]).abs() + (ours[1] - theirs[1]).abs() > 0.0
+        };
+        let moved = ours.iter().zip(&theirs).filter(is_other).count();
+        assert_eq!(moved, 0, "{name}: {moved} of {} points are others", theirs.len());
+    }
 }

@@ -2,8 +2,13 @@
 
 #![allow(clippy::cast_possible_truncation, reason = "small numbers, drawn here")]
 
-use cornerbench::detect::harris::{Derivative, Harris};
-use cornerbench::detect::{Detection, Detector};
+use cornerbench::detect::foerstner::Foerstner;
+use cornerbench::detect::harris::Harris;
+use cornerbench::detect::noble::Noble;
+use cornerbench::detect::rohr::Rohr;
+use cornerbench::detect::shi_tomasi::ShiTomasi;
+use cornerbench::detect::tensor::{Derivative, StructureTensor, TensorBuffers};
+use cornerbench::detect::{Detection, Detector, Peaks};
 use cornerbench::geometry::ImagePoint;
 use cornerbench::image::{PixelRange, Plane};
 use cornerbench::refine::corner_sub_pix::CornerSubPix;
@@ -22,7 +27,7 @@ fn textured(width: usize, height: usize) -> Plane<f32> {
     })
 }
 
-// ---- Harris -----------------------------------------------------------------------------------
+// ---- The structure tensor -----------------------------------------------------------------------------------
 
 /// exp(-d^2 / 2 sigma^2) at d = -ceil(3 sigma), ..., ceil(3 sigma).
 fn bell(sigma: f64) -> Vec<(isize, f64)> {
@@ -31,13 +36,14 @@ fn bell(sigma: f64) -> Vec<(isize, f64)> {
 }
 
 /// The derivative's kernel along and across, as (offset, weight).
-fn slopes(harris: &Harris) -> [Vec<(isize, f64)>; 2] {
+fn slopes(tensor: &StructureTensor) -> [Vec<(isize, f64)>; 2] {
     let central = vec![(-1, -0.5), (1, 0.5)];
-    match harris.derivative {
+    match tensor.derivative {
         Derivative::Central => [central, vec![(0, 1.0)]],
         Derivative::Sobel => [central, vec![(-1, 0.25), (0, 0.5), (1, 0.25)]],
+        Derivative::Scharr => [central, vec![(-1, 3.0 / 16.0), (0, 0.625), (1, 3.0 / 16.0)]],
         Derivative::Gaussian => {
-            let bell = bell(harris.sigma_d);
+            let bell = bell(tensor.sigma_d);
             let area: f64 = bell.iter().map(|(_, g)| g).sum();
             let slope: f64 = bell.iter().map(|&(d, g)| (d * d) as f64 * g).sum();
             let along = bell.iter().map(|&(d, g)| (d, d as f64 * g / slope)).collect();
@@ -46,10 +52,10 @@ fn slopes(harris: &Harris) -> [Vec<(isize, f64)>; 2] {
     }
 }
 
-/// R as its definition has it: one double sum over the window at each pixel.
-fn direct_response(harris: &Harris, plane: &Plane<f32>) -> Plane<f64> {
+/// A, B and C as their definition has it: one double sum over the window at each pixel.
+fn direct_tensor(tensor: &StructureTensor, plane: &Plane<f32>) -> Plane<[f64; 3]> {
     let (width, height) = (plane.width(), plane.height());
-    let [along, across] = slopes(harris);
+    let [along, across] = slopes(tensor);
     let gradient = Plane::from_fn(width, height, |x, y| {
         let (mut ix, mut iy) = (0.0, 0.0);
         for &(d, derivative) in &along {
@@ -63,43 +69,88 @@ fn direct_response(harris: &Harris, plane: &Plane<f32>) -> Plane<f64> {
         }
         (ix, iy)
     });
-    let window = bell(harris.sigma_i);
+    let window = bell(tensor.sigma_i);
     Plane::from_fn(width, height, |x, y| {
-        let (mut a, mut b, mut c, mut area) = (0.0, 0.0, 0.0, 0.0);
+        let (mut sums, mut area) = ([0.0; 3], 0.0);
         for &(dy, gy) in &window {
             for &(dx, gx) in &window {
                 let (ix, iy) = gradient.at_replicated(x.cast_signed() + dx, y.cast_signed() + dy);
-                a += gx * gy * ix * ix;
-                b += gx * gy * iy * iy;
-                c += gx * gy * ix * iy;
+                for (sum, product) in sums.iter_mut().zip([ix * ix, iy * iy, ix * iy]) {
+                    *sum += gx * gy * product;
+                }
                 area += gx * gy;
             }
         }
-        (a * b - c * c - harris.k * (a + b).powi(2)) / area.powi(2)
+        sums.map(|sum| sum / area)
     })
 }
 
+/// What a detector makes of a tensor.
+fn response(
+    tensor: &StructureTensor,
+    plane: &Plane<f32>,
+    measure: impl Fn(f32, f32, f32) -> f32,
+) -> Plane<f32> {
+    let mut response = Plane::filled(plane.width(), plane.height(), f32::NAN);
+    let buffers = &mut TensorBuffers::default();
+    tensor.kernels().response(&[(plane, 1.0)], buffers, measure, &mut response);
+    response
+}
+
 #[test]
-fn harris_matches_direct_sum() {
+fn measures_of_the_tensor_match_direct_sums() {
     let plane = textured(83, 61);
-    for derivative in [Derivative::Central, Derivative::Sobel, Derivative::Gaussian] {
+    let close = |name: &str, found: &Plane<f32>, expected: &Plane<f64>| {
+        let scale = expected.samples().iter().fold(0.0, |max: f64, r| max.max(r.abs()));
+        for (&found, &expected) in found.samples().iter().zip(expected.samples()) {
+            let error = (f64::from(found) - expected).abs() / scale;
+            assert!(error < 1e-5, "{name}: {found} is not {expected}: {error:e} of the largest");
+        }
+    };
+    for derivative in
+        [Derivative::Central, Derivative::Sobel, Derivative::Scharr, Derivative::Gaussian]
+    {
         for sigma_i in [0.8, 1.5, 3.0] {
-            let harris = Harris { derivative, sigma_i, sigma_d: 1.2, ..Harris::default() };
-            let (found, expected) = (harris.response(&plane), direct_response(&harris, &plane));
-            let scale = expected.samples().iter().fold(0.0, |max: f64, r| max.max(r.abs()));
-            let (mut of_scale, mut of_value) = (0.0_f64, 0.0_f64);
-            for (&found, &expected) in found.samples().iter().zip(expected.samples()) {
-                let error = (f64::from(found) - expected).abs();
-                of_scale = of_scale.max(error / scale);
-                if expected.abs() > 1e-3 * scale {
-                    of_value = of_value.max(error / expected.abs());
+            let tensor =
+                StructureTensor { derivative, sigma_i, sigma_d: 1.2, ..Default::default() };
+            let direct = direct_tensor(&tensor, &plane);
+            let by =
+                |formula: &dyn Fn(f64, f64, f64) -> f64| direct.map(|[a, b, c]| formula(a, b, c));
+            let harris = Harris::default();
+            close(
+                "harris",
+                &response(&tensor, &plane, harris.measure()),
+                &by(&|a, b, c| a * b - c * c - harris.k * (a + b).powi(2)),
+            );
+            close(
+                "shi_tomasi",
+                &response(&tensor, &plane, ShiTomasi::default().measure()),
+                &by(&|a, b, c| {
+                    let eigenvalues = nalgebra::Matrix2::new(a, c, c, b).symmetric_eigenvalues();
+                    eigenvalues.min()
+                }),
+            );
+            close(
+                "noble",
+                &response(&tensor, &plane, Noble::default().measure()),
+                &by(&|a, b, c| (a * b - c * c) / (a + b + 1e-6)),
+            );
+            close(
+                "rohr",
+                &response(&tensor, &plane, Rohr::default().measure()),
+                &by(&|a, b, c| a * b - c * c),
+            );
+            let foerstner = Foerstner { roundness: 0.6, ..Foerstner::default() };
+            let found = response(&tensor, &plane, foerstner.measure());
+            for (found, [a, b, c]) in found.samples().iter().zip(direct.samples()) {
+                let (determinant, trace) = (a * b - c * c, a + b + 1e-6);
+                let q = 4.0 * determinant / (trace * trace);
+                if (q - 0.6).abs() > 1e-4 {
+                    let expected = if q > 0.6 { determinant / trace } else { 0.0 };
+                    let error = (f64::from(*found) - expected).abs();
+                    assert!(error <= 1e-4 * expected, "{found} is not {expected}, q is {q}");
                 }
             }
-            println!(
-                "{derivative:?} sigma_i {sigma_i}: {of_scale:.1e} of max |R|, {of_value:.1e} of |R|"
-            );
-            assert!(of_scale < 1e-7, "{derivative:?} {sigma_i}: {of_scale:e} of the largest |R|");
-            assert!(of_value < 1e-6, "{derivative:?} {sigma_i}: {of_value:e} of |R|");
         }
     }
 }
@@ -119,8 +170,11 @@ fn harris_on_a_region_equals_harris_on_the_image() {
         region([[-20.5, 80.5], [30.5, 80.5], [30.5, 140.5], [-20.5, 140.5]]), // across a corner
     ];
     for derivative in [Derivative::Central, Derivative::Gaussian] {
-        let harris =
-            Harris { derivative, threshold_rel: 0.0, nms_radius_px: 1, ..Harris::default() };
+        let harris = Harris {
+            tensor: StructureTensor { derivative, ..Default::default() },
+            peaks: Peaks { threshold_rel: 0.0, nms_radius_px: 1, ..Peaks::default() },
+            ..Harris::default()
+        };
         let everywhere = harris.detect(&exposure, None);
         for region in &regions {
             let [p0, p1, _, p3] = region.quadrilateral;
@@ -129,7 +183,7 @@ fn harris_on_a_region_equals_harris_on_the_image() {
                 let length = p0.distance_px(end);
                 let t = ((point.x - p0.x) * (end.x - p0.x) + (point.y - p0.y) * (end.y - p0.y))
                     / length;
-                (-harris.margin_px..=length + harris.margin_px).contains(&t)
+                (-harris.peaks.margin_px..=length + harris.peaks.margin_px).contains(&t)
             };
             let expected: Vec<Detection> = everywhere
                 .iter()

@@ -1,0 +1,82 @@
+//! Shi and Tomasi's corner detector: the smaller eigenvalue.
+//!
+//! ```text
+//! # Method      M = W * [Ix^2 IxIy; IxIy Iy^2] = [A C; C B]; lambda = (A + B) / 2 -
+//!               sqrt(((A - B) / 2)^2 + C^2). Corners are the maxima of lambda.
+//! # Input       the channel as encoded [DN].
+//! # Parameters  channel        none, luma    luma, red, red_difference (red less the mean
+//!                                            of green and blue), colour (their tensors' sum, weighted
+//!                                            by the inverse of the noise)
+//!               derivative     central       central: (-1, 0, 1) / 2; sobel: the same, smoothed
+//!                                            across by (1, 2, 1) / 4; scharr: by (3, 10, 3) / 16;
+//!                                            gaussian: at sigma_d
+//!               sigma_d        px, 1.0       range [0.5, 8]; read where derivative is gaussian
+//!               window         gaussian      gaussian: at sigma_i; box: of box_radius_px
+//!               sigma_i        px, 1.5       range [0.5, 8]
+//!               box_radius_px  px, 1         range [1, 15]
+//!               border         replicate     how the image continues: replicate, reflect
+//!               threshold_rel  none, 0.01    range [0, 1): part of the area's strongest response
+//!               threshold      DN^2/px^2, 0  range [0, inf); a corner exceeds both thresholds
+//!               most           none, 0       range [0, 1e6]: the strongest so many; 0: all
+//!               nms_radius_px  px, 2         range [1, 64]: nothing stronger in (2r+1)^2 pixels
+//!               margin_px      px, 3         range [0, 1000]: widens the region on each side
+//! # Output      whole-pixel maxima, strongest first, equals by row, then column; response in
+//!               DN^2/px^2: the squared slope in the direction of least contrast.
+//! # Border      the image continues outwards as `border` says, then the products do; no candidate
+//!               nearer to an edge than the window reaches, ceil(3 sigma_i) px of a Gaussian.
+//! # Cost        O(pixels searched); one plane and 6 ceil(3 sigma_i) rows of f32.
+//! # Departures  Theirs sums over a square window without weights and thresholds lambda alone; ours
+//!               weighs by a Gaussian, as `harris` does. `good_features` is
+//!               OpenCV's form. With derivative "sobel", window "box" and border "reflect" lambda is
+//!               cv2.cornerMinEigenVal(picture, 3) times 255^2 / 4 of 8 bits, times 1 / 4 of floats.
+//! # Source      Shi & Tomasi, CVPR 1994, Good features to track, section 4: min(l1, l2) > l.
+//! # Checked by  tests/it/contract.rs (all), tests/it/oracle.rs::measures_of_the_tensor_match_direct_sums
+//! ```
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::detect::tensor::StructureTensor;
+use crate::detect::{Detection, Detector, Peaks};
+use crate::registry::{Entry, defaults, parameters, schema};
+use crate::sensor::Exposure;
+use crate::target::TargetRegion;
+
+/// The registry's line.
+pub const ENTRY: Entry<dyn Detector> = Entry {
+    name: "shi_tomasi",
+    summary: "maxima of the smaller eigenvalue of M, Gaussian window",
+    reference: "Shi & Tomasi 1994, section 4",
+    version: 1,
+    defaults: defaults::<ShiTomasi>,
+    schema: schema::<ShiTomasi>,
+    build: |place, table| Ok(Box::new(parameters::<ShiTomasi>(place, table)?)),
+};
+
+/// The detector; the header above explains its parameters.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
+pub struct ShiTomasi {
+    /// How the structure tensor is measured.
+    #[serde(flatten)]
+    pub tensor: StructureTensor,
+    /// When a response is a corner.
+    #[serde(flatten)]
+    pub peaks: Peaks,
+}
+
+impl ShiTomasi {
+    /// The smaller eigenvalue \[DN^2/px^2\] of the tensor's elements.
+    pub fn measure(&self) -> impl Fn(f32, f32, f32) -> f32 + use<> {
+        |a, b, c| {
+            let (mean, half) = (0.5 * (a + b), 0.5 * (a - b));
+            mean - (half * half + c * c).sqrt()
+        }
+    }
+}
+
+impl Detector for ShiTomasi {
+    fn detect(&self, exposure: &Exposure, region: Option<&TargetRegion>) -> Vec<Detection> {
+        self.tensor.detect(exposure, region, &self.peaks, self.measure())
+    }
+}
