@@ -133,18 +133,31 @@ impl Kernel {
     /// `out[x]` = sum over k of `taps[k] * samples(k)[x]`, in the order of k.
     #[inline(always)]
     fn weigh<'a>(&self, samples: impl Fn(usize) -> &'a [f32], out: &mut [f32]) {
-        let mut rows: [&[f32]; MOST_TAPS] = [&[]; MOST_TAPS];
-        for (k, row) in rows.iter_mut().enumerate().take(self.taps.len()) {
-            *row = &samples(k)[..out.len()];
+        match self.taps.len() {
+            1 => self.weigh_rows::<1>(samples, out),
+            3 => self.weigh_rows::<3>(samples, out),
+            ..=16 => self.weigh_rows::<16>(samples, out),
+            _ => self.weigh_rows::<MOST_TAPS>(samples, out),
         }
-        let rows = &rows[..self.taps.len()];
+    }
+
+    /// The same for at most `MOST` taps: their rows are looked up once.
+    #[inline(always)]
+    fn weigh_rows<'a, const MOST: usize>(
+        &self,
+        samples: impl Fn(usize) -> &'a [f32],
+        out: &mut [f32],
+    ) {
+        let count = self.taps.len().min(MOST);
+        let rows: [&[f32]; MOST] =
+            std::array::from_fn(|k| if k < count { &samples(k)[..out.len()] } else { &[] });
         let mut done = 0;
         while done < out.len() {
             let rest = &mut out[done..];
             done += match rest.len() {
-                BLOCK.. => self.weigh_block::<BLOCK>(rows, done, rest),
-                SMALL_BLOCK.. => self.weigh_block::<SMALL_BLOCK>(rows, done, rest),
-                _ => self.weigh_block::<1>(rows, done, rest),
+                BLOCK.. => self.weigh_block::<BLOCK>(&rows[..count], done, rest),
+                SMALL_BLOCK.. => self.weigh_block::<SMALL_BLOCK>(&rows[..count], done, rest),
+                _ => self.weigh_block::<1>(&rows[..count], done, rest),
             };
         }
     }

@@ -3,6 +3,7 @@
 //! With the environment variable `PYTHON` set to a Python with NumPy and SciPy, the version of the
 //! camera in NumPy (`scripts/tests/peers/exposure_oracle.py`) is timed in the same run.
 
+use std::ffi::OsStr;
 use std::process::Command;
 use std::time::Instant;
 
@@ -137,8 +138,10 @@ pub fn define(c: &mut Criterion) {
         });
     }
     group.finish();
-    by_threads(&noisy, &film, &camera);
-    beside_numpy(&noisy, &film, &camera);
+    if let Some(python) = std::env::var_os("PYTHON") {
+        by_threads(&noisy, &film, &camera);
+        beside_numpy(&python, &noisy, &film, &camera);
+    }
 }
 
 /// Prints how many more photographs all cores take in a second than one does, in turns.
@@ -168,8 +171,7 @@ fn by_threads(photographer: &Photographer, film: &Film, camera: &Camera) {
 }
 
 /// Prints how long NumPy and we take for the same photograph, on one core, in turns.
-fn beside_numpy(photographer: &Photographer, film: &Film, camera: &Camera) {
-    let Some(python) = std::env::var_os("PYTHON") else { return };
+fn beside_numpy(python: &OsStr, photographer: &Photographer, film: &Film, camera: &Camera) {
     let folder = std::env::temp_dir().join(format!("cornerbench-bench-{}", std::process::id()));
     std::fs::create_dir_all(&folder).expect("a folder");
     let path = |name: &str| folder.join(name);
@@ -206,7 +208,7 @@ fn beside_numpy(photographer: &Photographer, film: &Film, camera: &Camera) {
             ours_s.sort_by(f64::total_cmp);
             let script =
                 concat!(env!("CARGO_MANIFEST_DIR"), "/scripts/tests/peers/exposure_oracle.py");
-            let output = Command::new(&python)
+            let output = Command::new(python)
                 .arg(script)
                 .args([path("film.f32"), path("out.f32"), path("settings.json")])
                 .env("OMP_NUM_THREADS", "1")

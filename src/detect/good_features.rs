@@ -110,56 +110,66 @@ impl Detector for GoodFeatures {
         let mut found = Vec::new();
         maxima(&response, [crop.x0, crop.y0], &area, 1, threshold, |x, y, r| {
             if r > threshold {
-                let point = ImagePoint::new(x as f64, y as f64);
-                found.push(Detection { point, response: f64::from(r) });
+                // A picture has less than 2^32 pixels.
+                found.push((u32::try_from(y * size[0] + x).unwrap_or(u32::MAX), r));
             }
         });
-        // Of equals OpenCV takes the last one first.
-        found.reverse();
-        found.sort_by(|a, b| b.response.total_cmp(&a.response));
+        // Of equals OpenCV takes the last one first. Responses are positive: their bits are in order.
+        found.sort_unstable_by_key(|&(index, r): &(u32, f32)| {
+            std::cmp::Reverse((r.to_bits(), index))
+        });
         let most = if self.most > 0 { self.most as usize } else { usize::MAX };
-        if self.min_distance_px >= 1.0 {
-            apart(found, self.min_distance_px, size, most)
-        } else {
-            found.truncate(most);
-            found
-        }
+        let mut taken = Taken::new(self.min_distance_px, size);
+        found
+            .into_iter()
+            .map(|(index, r)| {
+                let (x, y) = (index as usize % size[0], index as usize / size[0]);
+                Detection { point: ImagePoint::new(x as f64, y as f64), response: f64::from(r) }
+            })
+            .filter(|found| self.min_distance_px < 1.0 || taken.take(found.point))
+            .take(most)
+            .collect()
     }
 }
 
-/// From the first on those that keep a distance from all taken before, at most so many.
-fn apart(
-    candidates: Vec<Detection>,
+/// Points that keep a distance from each other.
+struct Taken {
     distance_px: f64,
-    [width, height]: [usize; 2],
-    most: usize,
-) -> Vec<Detection> {
-    // Squares as wide as the distance: whoever is too near lies in the same or in a neighbour.
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "in the image")]
-    let square = |place: f64| (place / distance_px) as usize;
-    let (columns, rows) = (square(width as f64) + 1, square(height as f64) + 1);
-    let mut taken: Vec<Vec<usize>> = vec![Vec::new(); columns * rows];
-    let mut found: Vec<Detection> = Vec::new();
-    for candidate in candidates {
-        if found.len() >= most {
-            break;
-        }
-        let (u, v) = (square(candidate.point.x), square(candidate.point.y));
-        let is_near = |&index: &usize| {
-            let (dx, dy) = (
-                found[index].point.x - candidate.point.x,
-                found[index].point.y - candidate.point.y,
-            );
-            dx * dx + dy * dy < distance_px * distance_px
-        };
-        let crowded = (v.saturating_sub(1)..=(v + 1).min(rows - 1)).any(|v| {
-            (u.saturating_sub(1)..=(u + 1).min(columns - 1))
-                .any(|u| taken[v * columns + u].iter().any(is_near))
-        });
-        if !crowded {
-            taken[v * columns + u].push(found.len());
-            found.push(candidate);
-        }
+    /// Squares so wide that no two points share one.
+    columns: usize,
+    rows: usize,
+    squares: Vec<Option<ImagePoint>>,
+}
+
+impl Taken {
+    fn new(distance_px: f64, [width, height]: [usize; 2]) -> Self {
+        let distance_px = distance_px.max(1.0);
+        let mut new = Self { distance_px, columns: 0, rows: 0, squares: Vec::new() };
+        (new.columns, new.rows) = (new.square(width as f64) + 1, new.square(height as f64) + 1);
+        new.squares = vec![None; new.columns * new.rows];
+        new
     }
-    found
+
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "in the image")]
+    fn square(&self, place: f64) -> usize {
+        (place / self.distance_px * std::f64::consts::SQRT_2) as usize
+    }
+
+    /// Takes a point that is not too near to any that was taken before; returns whether it was.
+    fn take(&mut self, point: ImagePoint) -> bool {
+        let (u, v) = (self.square(point.x), self.square(point.y));
+        let most = self.distance_px * self.distance_px;
+        for v in v.saturating_sub(2)..=(v + 2).min(self.rows - 1) {
+            for u in u.saturating_sub(2)..=(u + 2).min(self.columns - 1) {
+                if let Some(other) = self.squares[v * self.columns + u] {
+                    let (dx, dy) = (other.x - point.x, other.y - point.y);
+                    if dx * dx + dy * dy < most {
+                        return false;
+                    }
+                }
+            }
+        }
+        self.squares[v * self.columns + u] = Some(point);
+        true
+    }
 }

@@ -205,7 +205,7 @@ fn maxima(
         });
         // Most stretches of a row have none.
         for (block, marks) in row.marks[..count].chunks(16).enumerate() {
-            if marks.iter().any(|&mark| mark > 0) {
+            if marks.iter().fold(0, |any, &mark| any | mark) > 0 {
                 for (index, _) in marks.iter().enumerate().filter(|(_, mark)| **mark > 0) {
                     let x = first + 16 * block + index;
                     on(x + x0, y + y0, response.at(x, y));
