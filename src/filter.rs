@@ -28,6 +28,7 @@ pub enum Border {
 
 impl Border {
     /// The sample of `count` that stands for the one `index` away from the first.
+    #[inline(always)]
     pub fn index(self, index: isize, count: usize) -> usize {
         let last = count.cast_signed() - 1;
         let index = match self {
@@ -133,52 +134,48 @@ impl Kernel {
     /// `out[x]` = sum over k of `taps[k] * samples(k)[x]`, in the order of k.
     #[inline(always)]
     fn weigh<'a>(&self, samples: impl Fn(usize) -> &'a [f32], out: &mut [f32]) {
-        match self.taps.len() {
-            1 => self.weigh_rows::<1>(samples, out),
-            3 => self.weigh_rows::<3>(samples, out),
-            ..=16 => self.weigh_rows::<16>(samples, out),
-            _ => self.weigh_rows::<MOST_TAPS>(samples, out),
-        }
-    }
-
-    /// The same for at most `MOST` taps: their rows are looked up once.
-    #[inline(always)]
-    fn weigh_rows<'a, const MOST: usize>(
-        &self,
-        samples: impl Fn(usize) -> &'a [f32],
-        out: &mut [f32],
-    ) {
-        let count = self.taps.len().min(MOST);
-        let rows: [&[f32]; MOST] =
-            std::array::from_fn(|k| if k < count { &samples(k)[..out.len()] } else { &[] });
-        let mut done = 0;
-        while done < out.len() {
-            let rest = &mut out[done..];
-            done += match rest.len() {
-                BLOCK.. => self.weigh_block::<BLOCK>(&rows[..count], done, rest),
-                SMALL_BLOCK.. => self.weigh_block::<SMALL_BLOCK>(&rows[..count], done, rest),
-                _ => self.weigh_block::<1>(&rows[..count], done, rest),
-            };
-        }
-    }
-
-    /// The first `COUNT` samples of `out`, which are those from `first` on of the rows.
-    #[inline(always)]
-    fn weigh_block<const COUNT: usize>(
-        &self,
-        rows: &[&[f32]],
-        first: usize,
-        out: &mut [f32],
-    ) -> usize {
-        let mut sums = [0.0_f32; COUNT]; // in registers over all taps
-        for (tap, row) in self.taps.iter().zip(rows) {
-            for (sum, sample) in sums.iter_mut().zip(&row[first..first + COUNT]) {
-                *sum = tap.mul_add(*sample, *sum);
+        // Of so few taps the sums are one expression.
+        match *self.taps {
+            [a] => return weigh_rows(&[(a, samples(0))], out),
+            [a, b, c] => {
+                return weigh_rows(&[(a, samples(0)), (b, samples(1)), (c, samples(2))], out);
             }
+            _ => (),
         }
-        out[..COUNT].copy_from_slice(&sums);
-        COUNT
+        let none: &[f32] = &[];
+        let mut rows = [(0.0, none); MOST_TAPS];
+        for (k, (row, &tap)) in rows.iter_mut().zip(&self.taps).enumerate() {
+            *row = (tap, samples(k));
+        }
+        weigh_rows(&rows[..self.taps.len()], out);
     }
+}
+
+/// Weighted rows added up.
+#[inline(always)]
+fn weigh_rows(rows: &[(f32, &[f32])], out: &mut [f32]) {
+    let mut done = 0;
+    while done < out.len() {
+        let rest = &mut out[done..];
+        done += match rest.len() {
+            BLOCK.. => weigh_block::<BLOCK>(rows, done, rest),
+            SMALL_BLOCK.. => weigh_block::<SMALL_BLOCK>(rows, done, rest),
+            _ => weigh_block::<1>(rows, done, rest),
+        };
+    }
+}
+
+/// The first `COUNT` samples of `out`, which are those from `first` on of the rows.
+#[inline(always)]
+fn weigh_block<const COUNT: usize>(rows: &[(f32, &[f32])], first: usize, out: &mut [f32]) -> usize {
+    let mut sums = [0.0_f32; COUNT]; // in registers over all taps
+    for (tap, row) in rows {
+        for (sum, sample) in sums.iter_mut().zip(&row[first..first + COUNT]) {
+            *sum = tap.mul_add(*sample, *sum);
+        }
+    }
+    out[..COUNT].copy_from_slice(&sums);
+    COUNT
 }
 
 /// The most taps: those of a Gaussian of 8 px, and some more.
