@@ -11,6 +11,7 @@ use crate::registry::Entry;
 use crate::sensor::Exposure;
 use crate::target::TargetRegion;
 
+pub mod fast;
 pub mod foerstner;
 pub mod good_features;
 pub mod harris;
@@ -37,6 +38,7 @@ pub trait Detector: Send + Sync {
 
 /// Every detector that a plan can name, in alphabetical order.
 pub const DETECTORS: &[Entry<dyn Detector>] = &[
+    fast::ENTRY,
     foerstner::ENTRY,
     good_features::ENTRY,
     harris::ENTRY,

@@ -2,6 +2,7 @@
 
 #![allow(clippy::cast_possible_truncation, reason = "small numbers, drawn here")]
 
+use cornerbench::detect::fast::Fast;
 use cornerbench::detect::foerstner::Foerstner;
 use cornerbench::detect::harris::Harris;
 use cornerbench::detect::noble::Noble;
@@ -152,6 +153,58 @@ fn measures_of_the_tensor_match_direct_sums() {
                 }
             }
         }
+    }
+}
+
+#[test]
+fn fast_matches_its_definition() {
+    let plane = textured(70, 50);
+    let circle: Vec<[f64; 2]> = vec![
+        [0.0, -3.0],
+        [1.0, -3.0],
+        [2.0, -2.0],
+        [3.0, -1.0],
+        [3.0, 0.0],
+        [3.0, 1.0],
+        [2.0, 2.0],
+        [1.0, 3.0],
+        [0.0, 3.0],
+        [-1.0, 3.0],
+        [-2.0, 2.0],
+        [-3.0, 1.0],
+        [-3.0, 0.0],
+        [-3.0, -1.0],
+        [-2.0, -2.0],
+        [-1.0, -3.0],
+    ];
+    for arc in 9..=12 {
+        let found = Fast { arc_px: arc, ..Fast::default() }.score(&plane);
+        for y in 3..47 {
+            for x in 3..67 {
+                let middle = plane.at(x, y);
+                let ring: Vec<f32> = circle
+                    .iter()
+                    .map(|[dx, dy]| {
+                        let at =
+                            |centre: usize, step: f64| centre.wrapping_add_signed(step as isize);
+                        plane.at(at(x, *dx), at(y, *dy)) - middle
+                    })
+                    .collect();
+                // Whole numbers: try every threshold.
+                let is_corner = |s: f32| {
+                    (0..16).any(|start| {
+                        let on = |test: &dyn Fn(f32) -> bool| {
+                            (0..arc as usize).all(|step| test(ring[(start + step) % 16]))
+                        };
+                        on(&|d| d >= s) || on(&|d| d <= -s)
+                    })
+                };
+                let wanted = (1..=255).rev().map(|s| s as f32).find(|&s| is_corner(s));
+                let (found, wanted) = (found.at(x, y), wanted.unwrap_or(0.0));
+                assert!((found - wanted).abs() < 0.5, "{arc} {x} {y}: {found} is not {wanted}");
+            }
+        }
+        assert!(found.row(2).iter().chain(found.row(47)).all(|&s| s == 0.0));
     }
 }
 

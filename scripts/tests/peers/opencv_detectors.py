@@ -2,7 +2,8 @@
 
 `python opencv_detectors.py PICTURE.png OUT REPEATS` writes `harris.f32`, `harris_float.f32` (of the
 picture as floats), `min_eigenvalue.f32` into the folder OUT, and prints one JSON object: the points
-of `goodFeaturesToTrack` in their order, and the medians of the times [s].
+of `goodFeaturesToTrack` in their order, those of FAST-9 with their scores, and the medians of the
+times [s].
 """
 
 import json
@@ -16,10 +17,11 @@ import numpy as np
 K = 0.04
 QUALITY_LEVEL = 0.01
 MIN_DISTANCE_PX = 3.0
+FAST_THRESHOLD = 20
 
 
 def gaussian_harris(picture):
-    """Return Harris's response with central differences and a Gaussian window, from OpenCV's parts."""
+    """Return Harris's response by central differences and a Gaussian window, of OpenCV's parts."""
     difference = np.array([[-0.5, 0.0, 0.5]])
     one = np.array([[1.0]])
     border = cv2.BORDER_REPLICATE
@@ -57,8 +59,11 @@ def main():
         picture, 0, QUALITY_LEVEL, MIN_DISTANCE_PX
     )
     points = calls["good_features"]().reshape(-1, 2)
+    fast = cv2.FastFeatureDetector_create(FAST_THRESHOLD)
+    calls["fast"] = lambda: fast.detect(picture)
+    corners = [[*corner.pt, corner.response] for corner in calls["fast"]()]
     took_s = {name: median_s(call, repeats) for name, call in calls.items()}
-    print(json.dumps({"points": points.tolist(), "took_s": took_s}))
+    print(json.dumps({"points": points.tolist(), "fast": corners, "took_s": took_s}))
 
 
 main()

@@ -1,0 +1,196 @@
+//! FAST: corners by an arc of a circle that is brighter or darker than its middle.
+//!
+//! ```text
+//! # Method      Sixteen pixels lie on a circle of radius 3 about p. Score S(p): the largest s such
+//!               that `arc_px` of them next to each other are all brighter than p by s or more, or all
+//!               darker. Corners: S > threshold and S larger than any other in the square about p.
+//! # Input       luma as encoded [DN].
+//! # Parameters  arc_px         none, 9       range [9, 12]: 9 and 12 are customary
+//!               threshold      DN, 20        range [0, inf)
+//!               most           none, 0       range [0, 1e6]: the strongest so many; 0: all
+//!               nms_radius_px  px, 1         range [1, 64]: nothing as strong in (2r+1)^2 pixels
+//!               margin_px      px, 3         range [0, 1000]: widens the region on each side
+//! # Output      whole pixels, strongest first, equals by row, then column; response S in DN.
+//! # Border      no candidate nearer than 3 px to an edge.
+//! # Cost        O(pixels searched), without a branch: a decision tree saves nothing where sixteen
+//!               pixels are tested at once. One plane of f32.
+//! # Departures  The score is the second of the source's section 4.1, the largest threshold, as in
+//!               OpenCV, whose score is S - 1 of whole numbers; not the sum of differences. Where
+//!               neighbours are equally strong neither is a corner, as in OpenCV.
+//! # Source      Rosten & Drummond, ECCV 2006, Machine learning for high-speed corner detection;
+//!               Rosten, Porter & Drummond, PAMI 32(1), 2010.
+//! # Checked by  tests/it/contract.rs (all), tests/it/opencv.rs::detectors_equal_opencv (the same set),
+//!               tests/it/oracle.rs::fast_matches_its_definition
+//! ```
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::detect::{Detection, Detector, SearchArea, maxima};
+use crate::geometry::ImagePoint;
+use crate::image::Plane;
+use crate::registry::{Entry, defaults, parameters, schema};
+use crate::sensor::Exposure;
+use crate::target::TargetRegion;
+
+/// The registry's line.
+pub const ENTRY: Entry<dyn Detector> = Entry {
+    name: "fast",
+    summary: "arcs of a circle brighter or darker than its middle: FAST-9 to FAST-12",
+    reference: "Rosten & Drummond 2006; Rosten, Porter & Drummond 2010",
+    version: 1,
+    defaults: defaults::<Fast>,
+    schema: schema::<Fast>,
+    build: |place, table| Ok(Box::new(parameters::<Fast>(place, table)?)),
+};
+
+/// The detector; the header above explains its parameters.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
+pub struct Fast {
+    /// How many of the circle's sixteen pixels.
+    #[schemars(range(min = 9, max = 12))]
+    pub arc_px: u32,
+    /// Threshold on the score \[DN\].
+    #[schemars(range(min = 0.0))]
+    pub threshold: f64,
+    /// The most corners, the strongest ones; 0: all.
+    #[schemars(range(min = 0, max = 1_000_000))]
+    pub most: u32,
+    /// Half side of the square in which a corner is the only maximum \[px\].
+    #[schemars(range(min = 1, max = 64))]
+    pub nms_radius_px: u32,
+    /// How far around the region to search \[px\].
+    #[schemars(range(min = 0.0, max = 1000.0))]
+    pub margin_px: f64,
+}
+
+impl Default for Fast {
+    fn default() -> Self {
+        Self { arc_px: 9, threshold: 20.0, most: 0, nms_radius_px: 1, margin_px: 3.0 }
+    }
+}
+
+/// The circle, clockwise as seen from the top: (x, y) from its middle.
+const CIRCLE: [[isize; 2]; 16] = [
+    [0, -3],
+    [1, -3],
+    [2, -2],
+    [3, -1],
+    [3, 0],
+    [3, 1],
+    [2, 2],
+    [1, 3],
+    [0, 3],
+    [-1, 3],
+    [-2, 2],
+    [-3, 1],
+    [-3, 0],
+    [-3, -1],
+    [-2, -2],
+    [-1, -3],
+];
+const RADIUS: usize = 3;
+
+impl Fast {
+    /// The score S \[DN\] at every pixel of `plane` \[DN\]: 0 or more, 0 nearer than 3 px to an edge.
+    pub fn score(&self, plane: &Plane<f32>) -> Plane<f32> {
+        let mut score = Plane::filled(plane.width(), plane.height(), 0.0);
+        let arc = self.arc_px as usize;
+        pulp::Arch::new().dispatch(Score { plane, arc, score: &mut score });
+        score
+    }
+}
+
+/// Scores of a plane: compiled for the machine's vectors.
+struct Score<'a> {
+    plane: &'a Plane<f32>,
+    arc: usize,
+    score: &'a mut Plane<f32>,
+}
+
+/// Pixels that are scored at a time.
+const LANES: usize = 16;
+
+impl pulp::WithSimd for Score<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, _: S) {
+        let Self { plane, arc, score } = self;
+        let (width, height) = (plane.width(), plane.height());
+        for y in RADIUS..height.saturating_sub(RADIUS) {
+            let middle = plane.row(y);
+            let circle = CIRCLE.map(|[dx, dy]| (plane.row(y.wrapping_add_signed(dy)), dx));
+            let mut x = RADIUS;
+            while x + RADIUS < width {
+                let count = LANES.min(width - RADIUS - x);
+                let mut differences = [[0.0_f32; LANES]; 16];
+                for (difference, (row, dx)) in differences.iter_mut().zip(circle) {
+                    let from = &row[x.wrapping_add_signed(dx)..][..count];
+                    for ((d, p), c) in difference.iter_mut().zip(from).zip(&middle[x..x + count]) {
+                        *d = p - c;
+                    }
+                }
+                let scores = largest_arc(&differences, arc);
+                score.row_mut(y)[x..x + count].copy_from_slice(&scores[..count]);
+                x += count;
+            }
+        }
+    }
+}
+
+/// The largest least difference along an arc, of brighter and of darker ones; 0 where there is none.
+#[inline(always)]
+fn largest_arc(differences: &[[f32; LANES]; 16], arc: usize) -> [f32; LANES] {
+    let mut best = [0.0_f32; LANES];
+    for start in 0..16 {
+        let (mut least, mut most) = (differences[start], differences[start]);
+        for step in 1..arc {
+            let next = &differences[(start + step) % 16];
+            for ((least, most), d) in least.iter_mut().zip(&mut most).zip(next) {
+                *least = if d < least { *d } else { *least };
+                *most = if d > most { *d } else { *most };
+            }
+        }
+        for ((best, least), most) in best.iter_mut().zip(least).zip(most) {
+            let score = if least > -most { least } else { -most };
+            *best = if score > *best { score } else { *best };
+        }
+    }
+    best
+}
+
+impl Detector for Fast {
+    fn detect(&self, exposure: &Exposure, region: Option<&TargetRegion>) -> Vec<Detection> {
+        let size = [exposure.width(), exposure.height()];
+        let area = SearchArea::new(size, RADIUS, region, self.margin_px);
+        if area.range.width() == 0 || area.range.height() == 0 {
+            return Vec::new();
+        }
+        let radius = self.nms_radius_px as usize;
+        let crop = area.range.grown(radius + RADIUS, size[0], size[1]);
+        let score = self.score(&exposure.luma().crop(crop));
+        let mut found = Vec::new();
+        #[allow(clippy::cast_possible_truncation, reason = "scores are f32")]
+        let threshold = self.threshold as f32;
+        maxima(&score, [crop.x0, crop.y0], &area, radius, threshold, |x, y, s| {
+            let (u, v) = (x - crop.x0, y - crop.y0);
+            let rows = v.saturating_sub(radius)..(v + radius + 1).min(score.height());
+            let columns = u.saturating_sub(radius)..(u + radius + 1).min(score.width());
+            // It equals itself.
+            let equals: usize = rows
+                .map(|row| score.row(row)[columns.clone()].iter().filter(|&&o| o >= s).count())
+                .sum();
+            if s > threshold && equals == 1 {
+                let point = ImagePoint::new(x as f64, y as f64);
+                found.push(Detection { point, response: f64::from(s) });
+            }
+        });
+        found.sort_by(|a, b| b.response.total_cmp(&a.response));
+        if self.most > 0 {
+            found.truncate(self.most as usize);
+        }
+        found
+    }
+}
