@@ -46,6 +46,8 @@ def main():
     cv2.setNumThreads(1)
     picture_file, folder, repeats = Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3])
     picture = cv2.imread(str(picture_file), cv2.IMREAD_GRAYSCALE)
+    if picture is None:
+        sys.exit(f"{picture_file}: no picture")
     floats = picture.astype(np.float32)
     calls = {
         "harris": lambda: cv2.cornerHarris(picture, 3, 3, K),
@@ -59,7 +61,7 @@ def main():
         picture, 0, QUALITY_LEVEL, MIN_DISTANCE_PX
     )
     points = calls["good_features"]().reshape(-1, 2)
-    fast = cv2.FastFeatureDetector_create(FAST_THRESHOLD)
+    fast = cv2.FastFeatureDetector.create(FAST_THRESHOLD)
     calls["fast"] = lambda: fast.detect(picture)
     corners = [[*corner.pt, corner.response] for corner in calls["fast"]()]
     took_s = {name: median_s(call, repeats) for name, call in calls.items()}
