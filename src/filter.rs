@@ -4,15 +4,19 @@
 //! crop that holds the kernel's support gives the very bits of the whole plane. The filters are inlined
 //! into their caller, which chooses the machine's vectors (`pulp`).
 
+use pulp::Simd;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+
+use crate::vector::{Lanes, Real};
 
 /// Weights of a sample and its neighbours on both sides, in one direction.
 ///
 /// Tap `k` weighs the sample `k - radius` away from the centre: a correlation, nothing is mirrored.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Kernel {
-    taps: Vec<f32>,
+    taps: [f32; MOST_TAPS], // in place: a kernel is made for each image
+    count: usize,
 }
 
 /// How an image continues beyond its border.
@@ -39,151 +43,190 @@ impl Border {
         index.clamp(0, last.max(0)).unsigned_abs()
     }
 
-    /// Fills the first and last `margin` samples of a row from those between.
+    /// Fills a row that begins at sample `wanted.start` of `count` and holds those of `have` already.
     #[inline(always)]
-    pub fn extend(self, row: &mut [f32], margin: usize) {
-        let count = row.len() - 2 * margin;
-        for step in 1..=margin.cast_signed() {
-            let (before, after) =
-                (self.index(-step, count), self.index(count.cast_signed() - 1 + step, count));
-            row[margin - step.unsigned_abs()] = row[margin + before];
-            row[margin + count - 1 + step.unsigned_abs()] = row[margin + after];
+    pub fn extend(self, row: &mut [f32], have: &Span, wanted: &Span, count: usize) {
+        let first = wanted.start;
+        for at in (wanted.start..have.start).chain(have.end..wanted.end) {
+            let from = self.index(at, count).cast_signed() - first;
+            row[(at - first).unsigned_abs()] = row[from.unsigned_abs()];
         }
     }
 }
 
-/// Taps as they are kept.
-#[allow(clippy::cast_possible_truncation, reason = "rounds to the nearest")]
-fn rounded(taps: impl Iterator<Item = f64>) -> Vec<f32> {
-    taps.map(|tap| tap as f32).collect()
+/// Samples of a row, which may begin before it and end beyond it.
+pub type Span = std::ops::Range<isize>;
+
+/// `span` and `radius` more on both sides.
+pub fn grown(span: &Span, radius: usize) -> Span {
+    span.start - radius.cast_signed()..span.end + radius.cast_signed()
+}
+
+/// What of `span` lies in a row of `count` samples.
+pub fn inside(span: &Span, count: usize) -> Span {
+    span.start.max(0)..span.end.min(count.cast_signed())
 }
 
 impl Kernel {
+    /// # Panics
+    /// Of more than [`MOST_TAPS`] taps: a mistake of the caller's code.
+    fn new(taps: impl Iterator<Item = f64>) -> Self {
+        let mut kernel = Self { taps: [0.0; MOST_TAPS], count: 0 };
+        for tap in taps {
+            #[allow(clippy::cast_possible_truncation, reason = "rounds to the nearest")]
+            let tap = tap as f32;
+            kernel.taps[kernel.count] = tap;
+            kernel.count += 1;
+        }
+        kernel
+    }
+
     /// The kernel that changes nothing.
     pub fn identity() -> Self {
-        Self { taps: vec![1.0] }
+        Self::new([1.0].into_iter())
     }
 
     /// The difference of the two neighbours, halved: a slope.
     pub fn central_difference() -> Self {
-        Self { taps: vec![-0.5, 0.0, 0.5] }
+        Self::new([-0.5, 0.0, 0.5].into_iter())
     }
 
     /// (1, 2, 1) / 4: what Sobel's operator smoothes by.
     pub fn binomial() -> Self {
-        Self { taps: vec![0.25, 0.5, 0.25] }
+        Self::new([0.25, 0.5, 0.25].into_iter())
     }
 
     /// (3, 10, 3) / 16: what Scharr's operator smoothes by.
     pub fn scharr() -> Self {
-        Self { taps: vec![0.1875, 0.625, 0.1875] }
+        Self::new([0.1875, 0.625, 0.1875].into_iter())
     }
 
     /// The mean of `2 radius + 1` samples.
     pub fn mean(radius: usize) -> Self {
         let count = 2 * radius + 1;
-        Self { taps: rounded(std::iter::repeat_n(1.0 / count as f64, count)) }
+        Self::new(std::iter::repeat_n(1.0 / count as f64, count))
     }
 
     /// A Gaussian of `sigma` \[px\], sampled to [`gaussian_radius`]; the taps add up to 1.
     pub fn gaussian(sigma: f64) -> Self {
-        let taps: Vec<f64> = offsets(sigma).map(|x| bell(x / sigma)).collect();
-        let sum: f64 = taps.iter().sum();
-        Self { taps: rounded(taps.into_iter().map(|tap| tap / sum)) }
+        let taps = || offsets(sigma).map(|x| bell(x / sigma));
+        let sum: f64 = taps().sum();
+        Self::new(taps().map(|tap| tap / sum))
     }
 
     /// The first derivative of a Gaussian of `sigma` \[px\], sampled to [`gaussian_radius`]; its
     /// answer to a ramp of slope 1 is 1.
     pub fn gaussian_derivative(sigma: f64) -> Self {
-        let taps: Vec<f64> = offsets(sigma).map(|x| x * bell(x / sigma)).collect();
-        let slope: f64 = taps.iter().zip(offsets(sigma)).map(|(tap, x)| tap * x).sum();
-        Self { taps: rounded(taps.into_iter().map(|tap| tap / slope)) }
+        let taps = || offsets(sigma).map(|x| x * bell(x / sigma));
+        let slope: f64 = taps().zip(offsets(sigma)).map(|(tap, x)| tap * x).sum();
+        Self::new(taps().map(|tap| tap / slope))
     }
 
     /// The second derivative of a Gaussian of `sigma` \[px\], sampled to [`gaussian_radius`]; its answer
     /// to a constant is 0, to x^2 / 2 it is 1.
     pub fn gaussian_second_derivative(sigma: f64) -> Self {
-        let bells: Vec<f64> = offsets(sigma).map(|x| bell(x / sigma)).collect();
-        let area: f64 = bells.iter().sum();
-        let square: f64 = bells.iter().zip(offsets(sigma)).map(|(g, x)| g * x * x).sum();
-        let taps: Vec<f64> =
-            bells.iter().zip(offsets(sigma)).map(|(g, x)| g * (x * x - square / area)).collect();
-        let curvature: f64 =
-            taps.iter().zip(offsets(sigma)).map(|(tap, x)| 0.5 * tap * x * x).sum();
-        Self { taps: rounded(taps.into_iter().map(|tap| tap / curvature)) }
+        let bells = || offsets(sigma).map(|x| (x, bell(x / sigma)));
+        let area: f64 = bells().map(|(_, g)| g).sum();
+        let square: f64 = bells().map(|(x, g)| g * x * x).sum();
+        let taps = || bells().map(|(x, g)| g * (x * x - square / area));
+        let curvature: f64 = taps().zip(offsets(sigma)).map(|(tap, x)| 0.5 * tap * x * x).sum();
+        Self::new(taps().map(|tap| tap / curvature))
+    }
+
+    /// It, and every tap multiplied by `factor`.
+    #[must_use]
+    pub fn scaled(&self, factor: f64) -> Self {
+        Self::new(self.taps().iter().map(|tap| f64::from(*tap) * factor))
     }
 
     /// How many neighbours it weighs on each side.
     pub fn radius(&self) -> usize {
-        self.taps.len() / 2
+        self.count / 2
     }
 
-    /// Filters along a row that holds [`Kernel::radius`] more samples than `out` on each side.
-    #[inline(always)]
-    pub fn along(&self, row: &[f32], out: &mut [f32]) {
-        let count = out.len();
-        self.weigh(|k| &row[k..k + count], out);
+    /// Its taps.
+    pub fn taps(&self) -> &[f32] {
+        &self.taps[..self.count]
     }
 
-    /// Filters across rows as long as `out`: `row(k)` is the one that tap `k` weighs.
+    /// Filters along a row: `out[x]` is the sum over k of `taps[k] * row[x + k]`.
     #[inline(always)]
-    pub fn across<'a>(&self, row: impl Fn(usize) -> &'a [f32], out: &mut [f32]) {
-        self.weigh(row, out);
-    }
-
-    /// `out[x]` = sum over k of `taps[k] * samples(k)[x]`, in the order of k.
-    #[inline(always)]
-    fn weigh<'a>(&self, samples: impl Fn(usize) -> &'a [f32], out: &mut [f32]) {
-        // Of so few taps the sums are one expression.
-        match *self.taps {
-            [a] => return weigh_rows(&[(a, samples(0))], out),
-            [a, b, c] => {
-                return weigh_rows(&[(a, samples(0)), (b, samples(1)), (c, samples(2))], out);
+    pub fn along<S: Simd>(&self, simd: S, row: &[f32], out: &mut [f32]) {
+        let mut x = 0;
+        while out.len() - x >= MANY * S::F32_LANES {
+            let mut sums = [Lanes::splat(simd, 0.0); MANY]; // in registers over all taps
+            for (k, &tap) in self.taps().iter().enumerate() {
+                add_many(&mut sums, Lanes::splat(simd, tap), simd, row, x + k);
             }
-            _ => (),
+            x = store_many(sums, out, x);
         }
-        let none: &[f32] = &[];
-        let mut rows = [(0.0, none); MOST_TAPS];
-        for (k, (row, &tap)) in rows.iter_mut().zip(&self.taps).enumerate() {
-            *row = (tap, samples(k));
+        while x < out.len() {
+            let mut sum = Lanes::splat(simd, 0.0);
+            for (k, &tap) in self.taps().iter().enumerate() {
+                let end = (x + k + S::F32_LANES).min(out.len() + k);
+                let samples = Lanes::load_part(simd, &row[..end], x + k);
+                sum = Lanes::splat(simd, tap).mul_add(samples, sum);
+            }
+            let end = (x + S::F32_LANES).min(out.len());
+            sum.store_part(&mut out[..end], x);
+            x = end;
         }
-        weigh_rows(&rows[..self.taps.len()], out);
+    }
+
+    /// Filters across rows: `out[x]` is the sum over k of `taps[k] * rows[k][first + x]`.
+    #[inline(always)]
+    pub fn across<S: Simd>(&self, simd: S, rows: &[&[f32]], first: usize, out: &mut [f32]) {
+        let mut x = 0;
+        while out.len() - x >= MANY * S::F32_LANES {
+            let mut sums = [Lanes::splat(simd, 0.0); MANY];
+            for (row, &tap) in rows.iter().zip(self.taps()) {
+                add_many(&mut sums, Lanes::splat(simd, tap), simd, row, first + x);
+            }
+            x = store_many(sums, out, x);
+        }
+        while x < out.len() {
+            let end = (x + S::F32_LANES).min(out.len());
+            let mut sum = Lanes::splat(simd, 0.0);
+            for (row, &tap) in rows.iter().zip(self.taps()) {
+                let samples = Lanes::load_part(simd, &row[..first + end], first + x);
+                sum = Lanes::splat(simd, tap).mul_add(samples, sum);
+            }
+            sum.store_part(&mut out[..end], x);
+            x = end;
+        }
     }
 }
 
-/// Weighted rows added up.
+/// Vectors that are summed at a time: sums that do not wait for each other.
+const MANY: usize = 4;
+
+/// Adds `tap` times the samples from `first` on.
 #[inline(always)]
-fn weigh_rows(rows: &[(f32, &[f32])], out: &mut [f32]) {
-    let mut done = 0;
-    while done < out.len() {
-        let rest = &mut out[done..];
-        done += match rest.len() {
-            BLOCK.. => weigh_block::<BLOCK>(rows, done, rest),
-            SMALL_BLOCK.. => weigh_block::<SMALL_BLOCK>(rows, done, rest),
-            _ => weigh_block::<1>(rows, done, rest),
-        };
+fn add_many<S: Simd>(
+    sums: &mut [Lanes<S>; MANY],
+    tap: Lanes<S>,
+    simd: S,
+    samples: &[f32],
+    first: usize,
+) {
+    let samples = &samples[first..first + MANY * S::F32_LANES];
+    for (part, sum) in sums.iter_mut().enumerate() {
+        *sum = tap.mul_add(Lanes::load(simd, samples, part * S::F32_LANES), *sum);
     }
 }
 
-/// The first `COUNT` samples of `out`, which are those from `first` on of the rows.
+/// Writes the sums to the samples from `first` on; returns where the next ones go.
 #[inline(always)]
-fn weigh_block<const COUNT: usize>(rows: &[(f32, &[f32])], first: usize, out: &mut [f32]) -> usize {
-    let mut sums = [0.0_f32; COUNT]; // in registers over all taps
-    for (tap, row) in rows {
-        for (sum, sample) in sums.iter_mut().zip(&row[first..first + COUNT]) {
-            *sum = tap.mul_add(*sample, *sum);
-        }
+fn store_many<S: Simd>(sums: [Lanes<S>; MANY], samples: &mut [f32], first: usize) -> usize {
+    let written = &mut samples[first..first + MANY * S::F32_LANES];
+    for (part, sum) in sums.into_iter().enumerate() {
+        sum.store(written, part * S::F32_LANES);
     }
-    out[..COUNT].copy_from_slice(&sums);
-    COUNT
+    first + MANY * S::F32_LANES
 }
 
-/// The most taps: those of a Gaussian of 8 px, and some more.
-const MOST_TAPS: usize = 64;
-
-/// Samples that are summed at a time, in the middle of a row and near its end.
-const BLOCK: usize = 128;
-const SMALL_BLOCK: usize = 16;
+/// The most taps: those of a Gaussian of 16 px, and some more.
+pub const MOST_TAPS: usize = 128;
 
 /// How far a Gaussian of `sigma` \[px\] is sampled from its centre: ceil(3 sigma) \[px\].
 #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
@@ -206,20 +249,37 @@ fn bell(z: f64) -> f64 {
 mod tests {
     use super::*;
 
+    /// A row filtered along, or columns of it across: compiled for the machine's vectors.
+    struct Filtered<'a>(&'a Kernel, &'a [&'a [f32]], &'a mut [f32]);
+
+    impl pulp::WithSimd for Filtered<'_> {
+        type Output = ();
+
+        #[inline(always)]
+        fn with_simd<S: Simd>(self, simd: S) {
+            let Self(kernel, rows, out) = self;
+            match rows {
+                [row] => kernel.along(simd, row, out),
+                rows => kernel.across(simd, rows, 0, out),
+            }
+        }
+    }
+
     fn along(kernel: &Kernel, row: &[f32], border: Border) -> Vec<f32> {
-        let margin = kernel.radius();
-        let mut padded = vec![0.0; row.len() + 2 * margin];
-        padded[margin..margin + row.len()].copy_from_slice(row);
-        border.extend(&mut padded, margin);
+        let have = 0..row.len().cast_signed();
+        let wanted = grown(&have, kernel.radius());
+        let mut padded = vec![0.0; wanted.len()];
+        padded[kernel.radius()..][..row.len()].copy_from_slice(row);
+        border.extend(&mut padded, &have, &wanted, row.len());
         let mut out = vec![0.0; row.len()];
-        kernel.along(&padded, &mut out);
+        pulp::Arch::new().dispatch(Filtered(kernel, &[&padded], &mut out));
         out
     }
 
     #[test]
     fn taps_weigh_the_samples_around_the_centre_and_the_border_continues() {
-        let ahead = Kernel { taps: vec![0.0, 0.0, 1.0] };
-        let behind = Kernel { taps: vec![1.0, 0.0, 0.0] };
+        let ahead = Kernel::new([0.0, 0.0, 1.0].into_iter());
+        let behind = Kernel::new([1.0, 0.0, 0.0].into_iter());
         let row = [1.0, 2.0, 4.0, 8.0];
         assert_eq!(along(&ahead, &row, Border::Replicate), [2.0, 4.0, 8.0, 8.0]);
         assert_eq!(along(&behind, &row, Border::Replicate), [1.0, 1.0, 2.0, 4.0]);
@@ -232,9 +292,9 @@ mod tests {
 
     #[test]
     fn rows_are_weighed_like_samples() {
-        let rows = [[1.0_f32, 3.0], [2.0, 3.0], [4.0, 3.0]];
+        let rows: [&[f32]; 3] = [&[1.0, 3.0], &[2.0, 3.0], &[4.0, 3.0]];
         let mut out = [0.0; 2];
-        Kernel::central_difference().across(|k| &rows[k], &mut out);
+        pulp::Arch::new().dispatch(Filtered(&Kernel::central_difference(), &rows, &mut out));
         assert!((out[0] - 1.5).abs() < 1e-6 && out[1].abs() < 1e-6, "{out:?}");
     }
 

@@ -3,7 +3,7 @@
 use crate::geometry::ImagePoint;
 
 /// A row-major plane of samples; sample (x, y) is the value at [`ImagePoint`] (x, y).
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Plane<T> {
     width: usize,
     height: usize,
@@ -76,6 +76,18 @@ impl<T: Copy> Plane<T> {
         self.at(x, y)
     }
 
+    /// Makes it a plane of one value of another size; its memory is used again.
+    pub fn reset(&mut self, width: usize, height: usize, value: T) {
+        self.samples.clear();
+        self.samples.resize(width * height, value);
+        (self.width, self.height) = (width, height);
+    }
+
+    /// All of it, without a copy.
+    pub fn view(&self) -> View<'_, T> {
+        View { samples: &self.samples, width: self.width, height: self.height, stride: self.width }
+    }
+
     /// The plane of `f` of every sample.
     pub fn map<U>(&self, f: impl FnMut(T) -> U) -> Plane<U> {
         Plane {
@@ -92,6 +104,51 @@ impl<T: Copy> Plane<T> {
             samples.extend_from_slice(&self.row(y)[window.x0..window.x1]);
         }
         Self { width: window.width(), height: window.height(), samples }
+    }
+}
+
+/// A part of a plane, or of somebody else's memory: rows that lie `stride` samples apart.
+#[derive(Clone, Copy, Debug)]
+pub struct View<'a, T> {
+    samples: &'a [T],
+    width: usize,
+    height: usize,
+    stride: usize,
+}
+
+impl<'a, T> View<'a, T> {
+    /// Rows of `width` of the `samples`, each `stride` after the one above it.
+    ///
+    /// # Panics
+    /// When the rows overlap or reach beyond the samples: a mistake of the caller's code.
+    pub fn new(samples: &'a [T], [width, height]: [usize; 2], stride: usize) -> Self {
+        assert!(stride >= width, "rows of {width} samples, {stride} apart");
+        let end = if height > 0 { (height - 1) * stride + width } else { 0 };
+        assert!(samples.len() >= end, "{} samples are fewer than {end}", samples.len());
+        Self { samples, width, height, stride }
+    }
+
+    /// Columns.
+    pub fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Rows.
+    pub fn height(&self) -> usize {
+        self.height
+    }
+
+    /// One row.
+    #[inline]
+    pub fn row(&self, y: usize) -> &'a [T] {
+        &self.samples[y * self.stride..][..self.width]
+    }
+
+    /// The part within `window`, which must lie inside.
+    #[must_use]
+    pub fn crop(&self, window: PixelRange) -> Self {
+        let first = (window.y0 * self.stride + window.x0).min(self.samples.len());
+        Self::new(&self.samples[first..], [window.width(), window.height()], self.stride)
     }
 }
 

@@ -29,3 +29,4 @@ pub mod scene;
 pub mod sensor;
 pub mod stats;
 pub mod target;
+pub mod vector;

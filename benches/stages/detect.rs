@@ -10,7 +10,7 @@ use cornerbench::detect::Detector;
 use cornerbench::detect::good_features::GoodFeatures;
 use cornerbench::detect::harris::Harris;
 use cornerbench::detect::shi_tomasi::ShiTomasi;
-use cornerbench::detect::tensor::{Derivative, StructureTensor, TensorBuffers, Window};
+use cornerbench::detect::tensor::{Derivative, Measure, StructureTensor, TensorBuffers, Window};
 use cornerbench::filter::Border;
 use cornerbench::image::Plane;
 use cornerbench::sensor::Exposure;
@@ -50,7 +50,7 @@ pub fn define(c: &mut Criterion) {
     for (name, tensor) in [("gaussian", &central.tensor), ("box", &box_tensor())] {
         group.bench_function(format!("harris_response/{name}/{SIZE}x{SIZE}"), |b| {
             let mut response = Response::new(&exposure, tensor);
-            b.iter(|| response.take(&exposure, central.measure()));
+            b.iter(|| response.take(&exposure, &central));
         });
     }
     group.bench_function(format!("harris/{SIZE}x{SIZE}"), |b| {
@@ -87,8 +87,8 @@ impl Response {
         }
     }
 
-    fn take(&mut self, exposure: &Exposure, measure: impl Fn(f32, f32, f32) -> f32) {
-        let luma = [(exposure.luma(), 1.0)];
+    fn take(&mut self, exposure: &Exposure, measure: &impl Measure) {
+        let luma = [(exposure.luma().view(), 1.0)];
         self.kernels.response(&luma, &mut self.buffers, measure, &mut self.response);
         std::hint::black_box(&self.response);
     }
@@ -108,9 +108,9 @@ fn beside_opencv(exposure: &Exposure) {
     let (mut boxed, mut gaussian) =
         (Response::new(exposure, &boxed), Response::new(exposure, &gaussian));
     let mut once = |name: &str| match name {
-        "harris" => boxed.take(exposure, harris.measure()),
-        "min_eigenvalue" => boxed.take(exposure, eigenvalue.measure()),
-        "gaussian_harris" => gaussian.take(exposure, harris.measure()),
+        "harris" => boxed.take(exposure, &harris),
+        "min_eigenvalue" => boxed.take(exposure, &eigenvalue),
+        "gaussian_harris" => gaussian.take(exposure, &harris),
         _ => drop(std::hint::black_box(good.detect(exposure, None))),
     };
     let names = ["harris", "min_eigenvalue", "gaussian_harris", "good_features"];

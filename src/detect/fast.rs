@@ -6,10 +6,8 @@
 //!               darker. Corners: S > threshold and S larger than any other in the square about p.
 //! # Input       luma as encoded [DN].
 //! # Parameters  arc_px         none, 9       range [9, 12]: 9 and 12 are customary
-//!               threshold      DN, 20        range [0, inf)
-//!               most           none, 0       range [0, 1e6]: the strongest so many; 0: all
-//!               nms_radius_px  px, 1         range [1, 64]: nothing as strong in (2r+1)^2 pixels
-//!               margin_px      px, 3         range [0, 1000]: widens the region on each side
+//!               those of peaks (peaks.rs: thresholds in DN, by default 20 and 0 of the strongest;
+//!               the strongest so many; suppression radius, by default 1 px; margin around a region)
 //! # Output      whole pixels, strongest first, equals by row, then column; response S in DN.
 //! # Border      no candidate nearer than 3 px to an edge.
 //! # Cost        O(pixels searched), without a branch: a decision tree saves nothing where sixteen
@@ -26,9 +24,9 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::detect::{Detection, Detector, SearchArea, maxima};
-use crate::geometry::ImagePoint;
-use crate::image::Plane;
+use crate::detect::peaks::{Equals, Response, ResponseMemory, detect_peaks};
+use crate::detect::{Detection, Detector, Peaks, Scratch};
+use crate::image::{PixelRange, Plane, View};
 use crate::registry::{Entry, defaults, parameters, schema};
 use crate::sensor::Exposure;
 use crate::target::TargetRegion;
@@ -51,23 +49,16 @@ pub struct Fast {
     /// How many of the circle's sixteen pixels.
     #[schemars(range(min = 9, max = 12))]
     pub arc_px: u32,
-    /// Threshold on the score \[DN\].
-    #[schemars(range(min = 0.0))]
-    pub threshold: f64,
-    /// The most corners, the strongest ones; 0: all.
-    #[schemars(range(min = 0, max = 1_000_000))]
-    pub most: u32,
-    /// Half side of the square in which a corner is the only maximum \[px\].
-    #[schemars(range(min = 1, max = 64))]
-    pub nms_radius_px: u32,
-    /// How far around the region to search \[px\].
-    #[schemars(range(min = 0.0, max = 1000.0))]
-    pub margin_px: f64,
+    /// When a score is a corner; the threshold in DN.
+    #[serde(flatten)]
+    pub peaks: Peaks,
 }
 
 impl Default for Fast {
     fn default() -> Self {
-        Self { arc_px: 9, threshold: 20.0, most: 0, nms_radius_px: 1, margin_px: 3.0 }
+        let peaks =
+            Peaks { threshold_rel: 0.0, threshold: 20.0, nms_radius_px: 1, ..Peaks::default() };
+        Self { arc_px: 9, peaks }
     }
 }
 
@@ -93,18 +84,17 @@ const CIRCLE: [[isize; 2]; 16] = [
 const RADIUS: usize = 3;
 
 impl Fast {
-    /// The score S \[DN\] at every pixel of `plane` \[DN\]: 0 or more, 0 nearer than 3 px to an edge.
-    pub fn score(&self, plane: &Plane<f32>) -> Plane<f32> {
-        let mut score = Plane::filled(plane.width(), plane.height(), 0.0);
-        let arc = self.arc_px as usize;
-        pulp::Arch::new().dispatch(Score { plane, arc, score: &mut score });
-        score
+    /// Replaces what `score` holds by the score S \[DN\] of every pixel of `plane` \[DN\]: 0 or more, 0
+    /// nearer than 3 px to an edge.
+    pub fn score(&self, plane: View<'_, f32>, score: &mut Plane<f32>) {
+        score.reset(plane.width(), plane.height(), 0.0);
+        pulp::Arch::new().dispatch(Score { plane, arc: self.arc_px as usize, score });
     }
 }
 
 /// Scores of a plane: compiled for the machine's vectors.
 struct Score<'a> {
-    plane: &'a Plane<f32>,
+    plane: View<'a, f32>,
     arc: usize,
     score: &'a mut Plane<f32>,
 }
@@ -161,36 +151,34 @@ fn largest_arc(differences: &[[f32; LANES]; 16], arc: usize) -> [f32; LANES] {
     best
 }
 
+impl Response for Fast {
+    fn support(&self) -> usize {
+        RADIUS
+    }
+
+    fn border(&self) -> usize {
+        RADIUS
+    }
+
+    fn respond(
+        &self,
+        exposure: &Exposure,
+        range: PixelRange,
+        _: &mut ResponseMemory,
+        response: &mut Plane<f32>,
+    ) {
+        self.score(exposure.luma().view().crop(range), response);
+    }
+}
+
 impl Detector for Fast {
-    fn detect(&self, exposure: &Exposure, region: Option<&TargetRegion>) -> Vec<Detection> {
-        let size = [exposure.width(), exposure.height()];
-        let area = SearchArea::new(size, RADIUS, region, self.margin_px);
-        if area.range.width() == 0 || area.range.height() == 0 {
-            return Vec::new();
-        }
-        let radius = self.nms_radius_px as usize;
-        let crop = area.range.grown(radius + RADIUS, size[0], size[1]);
-        let score = self.score(&exposure.luma().crop(crop));
-        let mut found = Vec::new();
-        #[allow(clippy::cast_possible_truncation, reason = "scores are f32")]
-        let threshold = self.threshold as f32;
-        maxima(&score, [crop.x0, crop.y0], &area, radius, threshold, |x, y, s| {
-            let (u, v) = (x - crop.x0, y - crop.y0);
-            let rows = v.saturating_sub(radius)..(v + radius + 1).min(score.height());
-            let columns = u.saturating_sub(radius)..(u + radius + 1).min(score.width());
-            // It equals itself.
-            let equals: usize = rows
-                .map(|row| score.row(row)[columns.clone()].iter().filter(|&&o| o >= s).count())
-                .sum();
-            if s > threshold && equals == 1 {
-                let point = ImagePoint::new(x as f64, y as f64);
-                found.push(Detection { point, response: f64::from(s) });
-            }
-        });
-        found.sort_by(|a, b| b.response.total_cmp(&a.response));
-        if self.most > 0 {
-            found.truncate(self.most as usize);
-        }
-        found
+    fn detect_into(
+        &self,
+        exposure: &Exposure,
+        region: Option<&TargetRegion>,
+        scratch: &mut Scratch,
+        found: &mut Vec<Detection>,
+    ) {
+        detect_peaks(self, &self.peaks, Equals::None, exposure, region, scratch, found);
     }
 }

@@ -6,22 +6,9 @@
 //!               circle. Corners are the maxima of w where q is at least `roundness`.
 //! # Input       the channel as encoded [DN].
 //! # Parameters  roundness      none, 0.5     range [0, 1): 0.5 to 0.75 are customary
-//!               channel        none, luma    luma, red, red_difference (red less the mean
-//!                                            of green and blue), colour (their tensors' sum, weighted
-//!                                            by the inverse of the noise)
-//!               derivative     central       central: (-1, 0, 1) / 2; sobel: the same, smoothed
-//!                                            across by (1, 2, 1) / 4; scharr: by (3, 10, 3) / 16;
-//!                                            gaussian: at sigma_d
-//!               sigma_d        px, 1.0       range [0.5, 8]; read where derivative is gaussian
-//!               window         gaussian      gaussian: at sigma_i; box: of box_radius_px
-//!               sigma_i        px, 1.5       range [0.5, 8]
-//!               box_radius_px  px, 1         range [1, 15]
-//!               border         replicate     how the image continues: replicate, reflect
-//!               threshold_rel  none, 0.01    range [0, 1): part of the area's strongest response
-//!               threshold      DN^2/px^2, 0  range [0, inf); a corner exceeds both thresholds
-//!               most           none, 0       range [0, 1e6]: the strongest so many; 0: all
-//!               nms_radius_px  px, 2         range [1, 64]: nothing stronger in (2r+1)^2 pixels
-//!               margin_px      px, 3         range [0, 1000]: widens the region on each side
+//!               those of the structure tensor (tensor.rs: channel, derivative, window, scales,
+//!               oversampling, border) and of peaks (peaks.rs: thresholds, the strongest so many,
+//!               suppression radius, margin around a region)
 //! # Output      whole-pixel maxima, strongest first, equals by row, then column; response
 //!               w in DN^2/px^2.
 //! # Border      the image continues outwards as `border` says, then the products do; no candidate
@@ -37,11 +24,13 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::detect::tensor::StructureTensor;
-use crate::detect::{Detection, Detector, Peaks};
+use crate::detect::peaks::{Equals, detect_peaks};
+use crate::detect::tensor::{Measure, StructureTensor};
+use crate::detect::{Detection, Detector, Peaks, Scratch};
 use crate::registry::{Entry, defaults, parameters, schema};
 use crate::sensor::Exposure;
 use crate::target::TargetRegion;
+use crate::vector::Real;
 
 /// The registry's line.
 pub const ENTRY: Entry<dyn Detector> = Entry {
@@ -75,20 +64,25 @@ impl Default for Foerstner {
     }
 }
 
-impl Foerstner {
-    /// The precision w \[DN^2/px^2\] of the tensor's elements, 0 where they are not round.
-    pub fn measure(&self) -> impl Fn(f32, f32, f32) -> f32 + use<> {
+impl Measure for Foerstner {
+    #[inline(always)]
+    fn of<R: Real>(&self, a: R, b: R, c: R) -> R {
         #[allow(clippy::cast_possible_truncation, reason = "rounds to the nearest")]
         let least = 0.25 * self.roundness as f32;
-        move |a, b, c| {
-            let (determinant, trace) = (a * b - c * c, a + b + 1e-6);
-            if determinant >= least * trace * trace { determinant / trace } else { 0.0 }
-        }
+        let (determinant, trace) = (a * b - c * c, a + b + 1e-6);
+        (determinant / trace).where_at_least(determinant, trace * trace * least)
     }
 }
 
 impl Detector for Foerstner {
-    fn detect(&self, exposure: &Exposure, region: Option<&TargetRegion>) -> Vec<Detection> {
-        self.tensor.detect(exposure, region, &self.peaks, self.measure())
+    fn detect_into(
+        &self,
+        exposure: &Exposure,
+        region: Option<&TargetRegion>,
+        scratch: &mut Scratch,
+        found: &mut Vec<Detection>,
+    ) {
+        let response = self.tensor.measured(self);
+        detect_peaks(&response, &self.peaks, Equals::First, exposure, region, scratch, found);
     }
 }

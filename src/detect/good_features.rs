@@ -25,12 +25,13 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::detect::peaks::{Equals, Response, ResponseMemory, Searched};
 use crate::detect::shi_tomasi::ShiTomasi;
-use crate::detect::tensor::{Derivative, StructureTensor, TensorBuffers, Window};
-use crate::detect::{Detection, Detector, SearchArea, maxima};
+use crate::detect::tensor::{Derivative, StructureTensor, Window};
+use crate::detect::{Detection, Detector, Peaks, Scratch};
 use crate::filter::Border;
 use crate::geometry::ImagePoint;
-use crate::image::Plane;
+use crate::image::{PixelRange, Plane};
 use crate::registry::{Entry, defaults, parameters, schema};
 use crate::sensor::Exposure;
 use crate::target::TargetRegion;
@@ -80,96 +81,85 @@ impl Default for GoodFeatures {
 }
 
 impl Detector for GoodFeatures {
-    fn detect(&self, exposure: &Exposure, region: Option<&TargetRegion>) -> Vec<Detection> {
-        let size = [exposure.width(), exposure.height()];
-        let area = SearchArea::new(size, 1, region, self.margin_px);
-        if area.range.width() == 0 || area.range.height() == 0 {
-            return Vec::new();
-        }
-        let kernels = StructureTensor {
+    fn detect_into(
+        &self,
+        exposure: &Exposure,
+        region: Option<&TargetRegion>,
+        scratch: &mut Scratch,
+        found: &mut Vec<Detection>,
+    ) {
+        found.clear();
+        let tensor = StructureTensor {
             derivative: Derivative::Sobel,
             window: Window::Box,
             box_radius_px: self.box_radius_px,
             border: Border::Reflect,
             ..StructureTensor::default()
-        }
-        .kernels();
-        let crop = area.range.grown(1 + kernels.support(), size[0], size[1]);
-        let luma = exposure.luma().crop(crop);
-        let mut response = Plane::filled(crop.width(), crop.height(), 0.0);
-        let measure = ShiTomasi::default().measure();
-        kernels.response(&[(&luma, 1.0)], &mut TensorBuffers::default(), measure, &mut response);
-
-        let row = |y: usize| response.row(y - crop.y0);
-        let strongest = area
-            .rows()
-            .flat_map(|(y, columns)| &row(y)[columns.start - crop.x0..columns.end - crop.x0])
-            .fold(0.0, |strongest: f32, &r| strongest.max(r));
+        };
+        let measure = ShiTomasi::default();
+        let response = Inward(tensor.measured(&measure));
+        let rule = Peaks { nms_radius_px: 1, margin_px: self.margin_px, ..Peaks::default() };
+        let Some(searched) = Searched::of(&response, &rule, exposure, region, scratch) else {
+            return;
+        };
         #[allow(clippy::cast_possible_truncation, reason = "as OpenCV compares")]
-        let threshold = (f64::from(strongest) * self.quality_level) as f32;
-        let mut found = Vec::new();
-        maxima(&response, [crop.x0, crop.y0], &area, 1, threshold, |x, y, r| {
-            if r > threshold {
-                // A picture has less than 2^32 pixels.
-                found.push((u32::try_from(y * size[0] + x).unwrap_or(u32::MAX), r));
-            }
-        });
-        // Of equals OpenCV takes the last one first. Responses are positive: their bits are in order.
-        found.sort_unstable_by_key(|&(index, r): &(u32, f32)| {
-            std::cmp::Reverse((r.to_bits(), index))
-        });
+        let threshold = (f64::from(searched.strongest(&scratch.response)) * self.quality_level) as f32;
+        let Scratch { response, candidates, taken, .. } = scratch;
+        searched.candidates(response, 1, f64::from(threshold), Equals::All, candidates);
+        candidates.strongest_and_last_first(); // as OpenCV's
         let most = if self.most > 0 { self.most as usize } else { usize::MAX };
-        let mut taken = Taken::new(self.min_distance_px, size);
-        found
-            .into_iter()
-            .map(|(index, r)| {
-                let (x, y) = (index as usize % size[0], index as usize / size[0]);
-                Detection { point: ImagePoint::new(x as f64, y as f64), response: f64::from(r) }
-            })
-            .filter(|found| self.min_distance_px < 1.0 || taken.take(found.point))
-            .take(most)
-            .collect()
-    }
-}
-
-/// Points that keep a distance from each other.
-struct Taken {
-    distance_px: f64,
-    /// Squares so wide that no two points share one.
-    columns: usize,
-    rows: usize,
-    squares: Vec<Option<ImagePoint>>,
-}
-
-impl Taken {
-    fn new(distance_px: f64, [width, height]: [usize; 2]) -> Self {
-        let distance_px = distance_px.max(1.0);
-        let mut new = Self { distance_px, columns: 0, rows: 0, squares: Vec::new() };
-        (new.columns, new.rows) = (new.square(width as f64) + 1, new.square(height as f64) + 1);
-        new.squares = vec![None; new.columns * new.rows];
-        new
-    }
-
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "in the image")]
-    fn square(&self, place: f64) -> usize {
-        (place / self.distance_px * std::f64::consts::SQRT_2) as usize
-    }
-
-    /// Takes a point that is not too near to any that was taken before; returns whether it was.
-    fn take(&mut self, point: ImagePoint) -> bool {
-        let (u, v) = (self.square(point.x), self.square(point.y));
-        let most = self.distance_px * self.distance_px;
-        for v in v.saturating_sub(2)..=(v + 2).min(self.rows - 1) {
-            for u in u.saturating_sub(2)..=(u + 2).min(self.columns - 1) {
-                if let Some(other) = self.squares[v * self.columns + u] {
-                    let (dx, dy) = (other.x - point.x, other.y - point.y);
-                    if dx * dx + dy * dy < most {
-                        return false;
-                    }
-                }
+        taken.reset(exposure.width(), exposure.height(), false);
+        for (index, response) in candidates.iter() {
+            let [x, y] = searched.place(index);
+            if found.len() == most {
+                break;
+            }
+            if !taken.at(x, y) {
+                found.push(Detection { point: ImagePoint::new(x as f64, y as f64), response });
+                take_disc(taken, [x, y], self.min_distance_px);
             }
         }
-        self.squares[v * self.columns + u] = Some(point);
-        true
+    }
+}
+
+/// Takes the pixels that are nearer to one than `distance_px`; none where that is less than 1.
+fn take_disc(taken: &mut Plane<bool>, [x, y]: [usize; 2], distance_px: f64) {
+    if distance_px < 1.0 {
+        return;
+    }
+    // Whole numbers: what is less than the distance is at most the next lower one.
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "1 to 1000")]
+    let reach = distance_px.ceil() as usize;
+    let most = distance_px * distance_px;
+    for row in y.saturating_sub(reach)..(y + reach + 1).min(taken.height()) {
+        let dy = row.abs_diff(y);
+        let is_near = |dx: &usize| ((dx * dx + dy * dy) as f64) < most;
+        if let Some(half) = (0..=reach).rev().find(is_near) {
+            let end = (x + half + 1).min(taken.width());
+            taken.row_mut(row)[x.saturating_sub(half)..end].fill(true);
+        }
+    }
+}
+
+/// A response whose border pixels alone are no candidates.
+struct Inward<R>(R);
+
+impl<R: Response> Response for Inward<R> {
+    fn support(&self) -> usize {
+        self.0.support()
+    }
+
+    fn border(&self) -> usize {
+        1
+    }
+
+    fn respond(
+        &self,
+        exposure: &Exposure,
+        range: PixelRange,
+        memory: &mut ResponseMemory,
+        response: &mut Plane<f32>,
+    ) {
+        self.0.respond(exposure, range, memory, response);
     }
 }

@@ -5,22 +5,9 @@
 //!               DN^2/px^2 so that flat places give 0. Corners are the maxima of N: half the harmonic
 //!               mean of the eigenvalues, without a weight to choose.
 //! # Input       the channel as encoded [DN].
-//! # Parameters  channel        none, luma    luma, red, red_difference (red less the mean
-//!                                            of green and blue), colour (their tensors' sum, weighted
-//!                                            by the inverse of the noise)
-//!               derivative     central       central: (-1, 0, 1) / 2; sobel: the same, smoothed
-//!                                            across by (1, 2, 1) / 4; scharr: by (3, 10, 3) / 16;
-//!                                            gaussian: at sigma_d
-//!               sigma_d        px, 1.0       range [0.5, 8]; read where derivative is gaussian
-//!               window         gaussian      gaussian: at sigma_i; box: of box_radius_px
-//!               sigma_i        px, 1.5       range [0.5, 8]
-//!               box_radius_px  px, 1         range [1, 15]
-//!               border         replicate     how the image continues: replicate, reflect
-//!               threshold_rel  none, 0.01    range [0, 1): part of the area's strongest response
-//!               threshold      DN^2/px^2, 0  range [0, inf); a corner exceeds both thresholds
-//!               most           none, 0       range [0, 1e6]: the strongest so many; 0: all
-//!               nms_radius_px  px, 2         range [1, 64]: nothing stronger in (2r+1)^2 pixels
-//!               margin_px      px, 3         range [0, 1000]: widens the region on each side
+//! # Parameters  those of the structure tensor (tensor.rs: channel, derivative, window, scales,
+//!               oversampling, border) and of peaks (peaks.rs: thresholds, the strongest so many,
+//!               suppression radius, margin around a region)
 //! # Output      whole-pixel maxima, strongest first, equals by row, then column; response in
 //!               DN^2/px^2.
 //! # Border      the image continues outwards as `border` says, then the products do; no candidate
@@ -35,11 +22,13 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::detect::tensor::StructureTensor;
-use crate::detect::{Detection, Detector, Peaks};
+use crate::detect::peaks::{Equals, detect_peaks};
+use crate::detect::tensor::{Measure, StructureTensor};
+use crate::detect::{Detection, Detector, Peaks, Scratch};
 use crate::registry::{Entry, defaults, parameters, schema};
 use crate::sensor::Exposure;
 use crate::target::TargetRegion;
+use crate::vector::Real;
 
 /// The registry's line.
 pub const ENTRY: Entry<dyn Detector> = Entry {
@@ -64,15 +53,22 @@ pub struct Noble {
     pub peaks: Peaks,
 }
 
-impl Noble {
-    /// det M / tr M \[DN^2/px^2\] of the tensor's elements.
-    pub fn measure(&self) -> impl Fn(f32, f32, f32) -> f32 + use<> {
-        |a, b, c| (a * b - c * c) / (a + b + 1e-6)
+impl Measure for Noble {
+    #[inline(always)]
+    fn of<R: Real>(&self, a: R, b: R, c: R) -> R {
+        (a * b - c * c) / (a + b + 1e-6)
     }
 }
 
 impl Detector for Noble {
-    fn detect(&self, exposure: &Exposure, region: Option<&TargetRegion>) -> Vec<Detection> {
-        self.tensor.detect(exposure, region, &self.peaks, self.measure())
+    fn detect_into(
+        &self,
+        exposure: &Exposure,
+        region: Option<&TargetRegion>,
+        scratch: &mut Scratch,
+        found: &mut Vec<Detection>,
+    ) {
+        let response = self.tensor.measured(self);
+        detect_peaks(&response, &self.peaks, Equals::First, exposure, region, scratch, found);
     }
 }

@@ -1,16 +1,20 @@
 //! The structure tensor: what most detectors of corners measure.
 //!
-//! M = W * [Ix^2 IxIy; IxIy Iy^2] = [A C; C B]. Its rows are computed one at a time; those that the
-//! window needs are kept in a ring.
+//! M = W * [Ix^2 IxIy; IxIy Iy^2] = [A C; C B], W a normalised window. Sums in f32. Beside the response
+//! only some rows are kept.
 
+mod fused;
+mod tiles;
+
+use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::detect::{Detection, Peaks, SearchArea, peaks};
+use crate::detect::peaks::{Response, ResponseMemory};
 use crate::filter::{Border, Kernel};
-use crate::image::Plane;
+use crate::image::{PixelRange, Plane, View};
 use crate::sensor::Exposure;
-use crate::target::TargetRegion;
+use crate::vector::Real;
 
 /// How the structure tensor is measured: parameters that detectors share.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -31,6 +35,10 @@ pub struct StructureTensor {
     /// Half side of the box: 1 is OpenCV's block size 3 \[px\].
     #[schemars(range(min = 1, max = 15))]
     pub box_radius_px: u32,
+    /// Samples per pixel, in either direction, on which it is measured: slopes' products hold twice the
+    /// image's frequencies.
+    #[schemars(range(min = 1, max = 2))]
+    pub oversampling: u32,
     /// How the image continues beyond its border, and the products beyond theirs.
     pub border: Border,
 }
@@ -44,6 +52,7 @@ impl Default for StructureTensor {
             window: Window::Gaussian,
             sigma_i: 1.5,
             box_radius_px: 1,
+            oversampling: 1,
             border: Border::Replicate,
         }
     }
@@ -103,6 +112,12 @@ impl Derivative {
     }
 }
 
+/// What a detector makes of a tensor.
+pub trait Measure: Sync {
+    /// The response to the tensor [A C; C B]; A and B may change places.
+    fn of<R: Real>(&self, a: R, b: R, c: R) -> R;
+}
+
 /// The kernels by which a tensor is measured, and how the image continues.
 #[derive(Clone, Debug)]
 pub struct TensorKernels {
@@ -114,189 +129,237 @@ pub struct TensorKernels {
     pub border: Border,
 }
 
-impl TensorKernels {
-    /// How far from a pixel the samples lie on which its tensor depends \[px\].
-    pub fn support(&self) -> usize {
-        self.derivative[0].radius().max(self.derivative[1].radius()) + self.window.radius()
-    }
-
-    /// A measure of the tensor's A, B and C at every pixel of an image, which is the sum of weighted
-    /// `planes` of one size \[DN\]. Memory beside input and output: some rows.
-    pub fn response(
-        &self,
-        planes: &[(&Plane<f32>, f32)],
-        buffers: &mut TensorBuffers,
-        measure: impl Fn(f32, f32, f32) -> f32,
-        response: &mut Plane<f32>,
-    ) {
-        pulp::Arch::new().dispatch(Rows { kernels: self, planes, buffers, measure, response });
-    }
-}
-
 /// Memory that [`TensorKernels::response`] needs; kept from call to call.
 #[derive(Debug, Default)]
 pub struct TensorBuffers {
-    padded: Vec<f32>,
-    slopes: [Vec<f32>; 2],
-    rings: [Vec<f32>; 3],
-    tensor: [Vec<f32>; 3],
+    /// Of each block of rows.
+    blocks: Vec<BlockMemory>,
 }
 
-/// One response, row by row: compiled for the machine's vectors.
-struct Rows<'a, F> {
-    kernels: &'a TensorKernels,
-    planes: &'a [(&'a Plane<f32>, f32)],
-    buffers: &'a mut TensorBuffers,
-    measure: F,
-    response: &'a mut Plane<f32>,
+/// Memory of a block of rows.
+#[derive(Debug, Default)]
+struct BlockMemory {
+    tiles: Vec<f32>,
+    sides: fused::SideMemory,
 }
 
-impl<F: Fn(f32, f32, f32) -> f32> pulp::WithSimd for Rows<'_, F> {
-    type Output = ();
+/// Pixels from which on an image is worth more than one thread.
+pub(super) const MANY_PIXELS: usize = 1 << 20;
 
-    #[inline(always)]
-    fn with_simd<S: pulp::Simd>(self, _: S) {
-        let Self { kernels, planes, buffers, measure, response } = self;
-        let TensorKernels { derivative: [along, across], window, border } = kernels;
+impl TensorKernels {
+    /// How far from a pixel the samples lie on which its tensor depends \[px\].
+    pub fn support(&self) -> usize {
+        self.slope_support() + self.window.radius()
+    }
+
+    /// How far from a pixel the samples lie on which its slopes depend \[px\].
+    fn slope_support(&self) -> usize {
+        self.derivative[0].radius().max(self.derivative[1].radius())
+    }
+
+    /// A measure of the tensor at every pixel of an image, which is the sum of weighted `planes` of the
+    /// response's size \[DN\].
+    ///
+    /// Memory beside input and output: some rows for each thread. Large images are done by all threads
+    /// of the pool; every response has the same bits on one and on many.
+    pub fn response<M: Measure>(
+        &self,
+        planes: &[(View<'_, f32>, f32)],
+        buffers: &mut TensorBuffers,
+        measure: &M,
+        response: &mut Plane<f32>,
+    ) {
         let (width, height) = (response.width(), response.height());
         if width == 0 || height == 0 {
             return;
         }
-        let margin = along.radius().max(across.radius()).max(window.radius());
-        let kept = 2 * window.radius() + 1;
-        let TensorBuffers { padded, slopes: [ix, iy], rings, tensor } = buffers;
-        padded.resize(width + 2 * margin, 0.0);
-        ix.resize(width, 0.0);
-        iy.resize(width, 0.0);
-        for ring in rings.iter_mut() {
-            ring.resize(kept * width, 0.0);
-        }
-        for row in tensor.iter_mut() {
-            row.resize(width, 0.0);
-        }
-        let middle = margin..margin + width;
-        let around = |kernel: &Kernel| middle.start - kernel.radius()..middle.end + kernel.radius();
-        let mut next = 0; // the first row whose products are not yet smoothed along it
-        for y in 0..height {
-            while next < height.min(y + window.radius() + 1) {
-                let slot = next % kept * width..(next % kept + 1) * width;
-                for (index, (plane, weight)) in planes.iter().enumerate() {
-                    // The row that tap k of a kernel across weighs.
-                    let row = |kernel: &Kernel, k: usize| {
-                        let at = (next + k).cast_signed() - kernel.radius().cast_signed();
-                        plane.row(border.index(at, height))
-                    };
-                    across.across(|k| row(across, k), &mut padded[middle.clone()]);
-                    border.extend(padded, margin);
-                    along.along(&padded[around(along)], ix);
-                    along.across(|k| row(along, k), &mut padded[middle.clone()]);
-                    border.extend(padded, margin);
-                    across.along(&padded[around(across)], iy);
-                    for (ring, [p, q]) in
-                        rings.iter_mut().zip([[&*ix, &*ix], [&*iy, &*iy], [&*ix, &*iy]])
-                    {
-                        for ((product, p), q) in padded[middle.clone()].iter_mut().zip(p).zip(q) {
-                            *product = weight * p * q;
-                        }
-                        border.extend(padded, margin);
-                        let smoothed = &mut ring[slot.clone()];
-                        if index == 0 {
-                            window.along(&padded[around(window)], smoothed);
-                        } else {
-                            // The tensor's own row is free until the window is across.
-                            window.along(&padded[around(window)], &mut tensor[0]);
-                            for (sum, more) in smoothed.iter_mut().zip(&tensor[0]) {
-                                *sum += more;
-                            }
-                        }
-                    }
-                }
-                next += 1;
-            }
-            for (ring, row) in rings.iter().zip(tensor.iter_mut()) {
-                let smoothed = |k: usize| {
-                    let at = (y + k).cast_signed() - window.radius().cast_signed();
-                    let slot = border.index(at, height) % kept;
-                    &ring[slot * width..(slot + 1) * width]
-                };
-                window.across(smoothed, row);
-            }
-            let [a, b, c] = &*tensor;
-            for (((r, a), b), c) in response.row_mut(y).iter_mut().zip(a).zip(b).zip(c) {
-                *r = measure(*a, *b, *c);
-            }
+        let threads = if width * height < MANY_PIXELS { 1 } else { rayon::current_num_threads() };
+        // Some more blocks than threads: none waits long for the slowest. Whole bands each.
+        let rows = height.div_ceil(if threads > 1 { 4 * threads } else { 1 });
+        let rows = rows.next_multiple_of(fused::BAND);
+        buffers.blocks.resize_with(height.div_ceil(rows), BlockMemory::default);
+        let block = |index: usize, memory: &mut BlockMemory, out: &mut [f32]| {
+            let first = index * rows;
+            let block = Block { kernels: self, planes, rows: first..(first + rows).min(height) };
+            block.response(memory, measure, out);
+        };
+        let samples = response.samples_mut();
+        if threads == 1 {
+            block(0, &mut buffers.blocks[0], samples);
+        } else {
+            samples
+                .par_chunks_mut(rows * width)
+                .zip(&mut buffers.blocks)
+                .enumerate()
+                .for_each(|(index, (out, memory))| block(index, memory, out));
         }
     }
 }
 
+/// Rows of a response.
+struct Block<'a> {
+    kernels: &'a TensorKernels,
+    planes: &'a [(View<'a, f32>, f32)],
+    rows: std::ops::Range<usize>,
+}
+
+impl Block<'_> {
+    /// Computes them: in registers where the kernels are of three taps, through tiles elsewhere and
+    /// at the image's border.
+    fn response<M: Measure>(&self, memory: &mut BlockMemory, measure: &M, out: &mut [f32]) {
+        let Self { kernels, planes, rows } = self;
+        let (image, _) = planes[0];
+        let (width, height) = (image.width(), image.height());
+        let all = PixelRange { x0: 0, y0: rows.start, x1: width, y1: rows.end };
+        let tiles = |range, memory: &mut Vec<f32>, out: &mut [f32]| {
+            tiles::Tiles { kernels, planes, range, first_row: rows.start, memory, out }.run(measure);
+        };
+        let Some(taps) = fused::ThreeTaps::of(kernels).filter(|_| planes.len() == 1) else {
+            return tiles(all, &mut memory.tiles, out);
+        };
+        let inner = fused::inner(all, [width, height]);
+        if inner.width() < fused::LEAST_COLUMNS || inner.height() == 0 {
+            return tiles(all, &mut memory.tiles, out);
+        }
+        taps.run(image, inner, rows.start, measure, out);
+        for range in [PixelRange { y1: inner.y0, ..all }, PixelRange { y0: inner.y1, ..all }] {
+            tiles(range, &mut memory.tiles, out);
+        }
+        fused::sides(self, inner, memory, measure, out);
+    }
+}
+
 impl StructureTensor {
-    /// Its kernels.
+    /// Its kernels, on a grid of `oversampling` samples per pixel.
     pub fn kernels(&self) -> TensorKernels {
+        let samples = self.oversampling as usize;
+        let scale = f64::from(self.oversampling);
+        let mut derivative = self.derivative.kernels(scale * self.sigma_d);
+        derivative[0] = derivative[0].scaled(scale); // per pixel, not per sample
         TensorKernels {
-            derivative: self.derivative.kernels(self.sigma_d),
+            derivative,
             window: match self.window {
-                Window::Gaussian => Kernel::gaussian(self.sigma_i),
-                Window::Box => Kernel::mean(self.box_radius_px as usize),
+                Window::Gaussian => Kernel::gaussian(scale * self.sigma_i),
+                Window::Box => Kernel::mean(samples * self.box_radius_px as usize),
             },
             border: self.border,
         }
     }
 
-    /// The peaks of a measure of the tensor's A, B and C, strongest first: no nearer to the image's
-    /// border than the window reaches.
-    pub(super) fn detect(
+    /// A measure of it as a response.
+    pub(super) fn measured<'a, M: Measure>(&self, measure: &'a M) -> Measured<'a, M> {
+        let (channel, oversampling) = (self.channel, self.oversampling);
+        Measured { channel, oversampling, kernels: self.kernels(), measure }
+    }
+}
+
+/// A measure of the tensor at every sample of an exposure.
+pub(super) struct Measured<'a, M> {
+    channel: Channel,
+    oversampling: u32,
+    kernels: TensorKernels,
+    measure: &'a M,
+}
+
+impl<M: Measure> Response for Measured<'_, M> {
+    fn oversampling(&self) -> usize {
+        self.oversampling as usize
+    }
+
+    fn support(&self) -> usize {
+        self.kernels.support()
+    }
+
+    fn border(&self) -> usize {
+        self.kernels.window.radius()
+    }
+
+    fn respond(
         &self,
         exposure: &Exposure,
-        region: Option<&TargetRegion>,
-        rule: &Peaks,
-        measure: impl Fn(f32, f32, f32) -> f32,
-    ) -> Vec<Detection> {
-        let kernels = self.kernels();
-        let size = [exposure.width(), exposure.height()];
-        let area = SearchArea::new(size, kernels.window.radius(), region, rule.margin_px);
-        if area.range.width() == 0 || area.range.height() == 0 {
-            return Vec::new();
+        range: PixelRange,
+        memory: &mut ResponseMemory,
+        response: &mut Plane<f32>,
+    ) {
+        let ResponseMemory { planes, row, tensor } = memory;
+        // Luma only until it is overwritten: a view needs something to look at.
+        let mut weighted = [(exposure.luma().view(), 0.0); 3];
+        let mut count = 0;
+        for (plane, (source, weight)) in
+            planes.iter_mut().zip(self.channel.planes(exposure).into_iter().flatten())
+        {
+            let view = if self.oversampling == 1 {
+                source.view().crop(range)
+            } else {
+                twice(source.view(), self.kernels.border, range, row, plane);
+                plane.view()
+            };
+            weighted[count] = (view, weight);
+            count += 1;
         }
-        let reach = rule.nms_radius_px as usize + kernels.support();
-        let crop = area.range.grown(reach, size[0], size[1]);
-        let planes = self.channel.planes(exposure);
-        let cropped: Vec<(Plane<f32>, f32)> =
-            planes.iter().map(|(plane, weight)| (plane.crop(crop), *weight)).collect();
-        let weighted: Vec<(&Plane<f32>, f32)> =
-            cropped.iter().map(|(plane, weight)| (plane, *weight)).collect();
-        let mut response = Plane::filled(crop.width(), crop.height(), 0.0);
-        kernels.response(&weighted, &mut TensorBuffers::default(), measure, &mut response);
-        peaks(&response, [crop.x0, crop.y0], &area, rule)
+        response.reset(range.width(), range.height(), 0.0);
+        self.kernels.response(&weighted[..count], tensor, self.measure, response);
     }
 }
 
 impl Channel {
     /// The planes that are differentiated, and their tensors' weights.
-    fn planes(self, exposure: &Exposure) -> Vec<(std::borrow::Cow<'_, Plane<f32>>, f32)> {
-        use std::borrow::Cow;
+    fn planes(self, exposure: &Exposure) -> [Option<(&Plane<f32>, f32)>; 3] {
         let [red, green, blue] = exposure.rgb();
+        let alone = |plane| [Some((plane, 1.0)), None, None];
         match self {
-            Self::Luma => vec![(Cow::Borrowed(exposure.luma()), 1.0)],
-            Self::Red => vec![(Cow::Borrowed(red), 1.0)],
-            Self::RedDifference => {
-                let samples = red
-                    .samples()
-                    .iter()
-                    .zip(green.samples())
-                    .zip(blue.samples())
-                    .map(|((red, green), blue)| red - 0.5 * (green + blue))
-                    .collect();
-                let plane = Plane::from_samples(red.width(), red.height(), samples);
-                vec![(Cow::Owned(plane), 1.0)]
-            }
+            Self::Luma => alone(exposure.luma()),
+            Self::Red => alone(red),
+            Self::RedDifference => alone(exposure.red_difference()),
             Self::Colour => {
                 let half = 0.5 * exposure.encoding().full_scale_dn();
                 let certainty = [0, 1, 2].map(|c| 1.0 / exposure.variance_dn2(c, half));
                 let mean = certainty.iter().sum::<f64>() / 3.0;
                 #[allow(clippy::cast_possible_truncation, reason = "some size near 1")]
                 let weight = certainty.map(|value| (value / mean) as f32);
-                [red, green, blue].map(Cow::Borrowed).into_iter().zip(weight).collect()
+                [(red, weight[0]), (green, weight[1]), (blue, weight[2])].map(Some)
             }
+        }
+    }
+}
+
+/// The image on a grid of half the pitch, of which `range` is wanted: sample (2 x, 2 y) is pixel (x, y),
+/// those between are interpolated by Lanczos' kernel of eight taps.
+fn twice(
+    image: View<'_, f32>,
+    border: Border,
+    range: PixelRange,
+    row: &mut Vec<f32>,
+    out: &mut Plane<f32>,
+) {
+    let tap = |k: usize| {
+        let x = std::f64::consts::PI * (k as f64 - 3.5);
+        x.sin() / x * (0.25 * x).sin() / (0.25 * x)
+    };
+    let sum: f64 = (0..8).map(tap).sum();
+    #[allow(clippy::cast_possible_truncation, reason = "rounds to the nearest")]
+    let taps: [f32; 8] = std::array::from_fn(|k| (tap(k) / sum) as f32);
+    let neighbour =
+        |first: usize, k: usize, count: usize| border.index((first + k).cast_signed() - 3, count);
+    out.reset(range.width(), range.height(), 0.0);
+    row.resize(image.width(), 0.0);
+    for y in range.y0..range.y1 {
+        if y % 2 == 0 {
+            row.copy_from_slice(image.row(y / 2));
+        } else {
+            row.fill(0.0);
+            for (k, tap) in taps.iter().enumerate() {
+                let source = image.row(neighbour(y / 2, k, image.height()));
+                row.iter_mut().zip(source).for_each(|(sum, sample)| *sum += tap * sample);
+            }
+        }
+        for (x, sample) in (range.x0..range.x1).zip(out.row_mut(y - range.y0)) {
+            *sample = if x % 2 == 0 {
+                row[x / 2]
+            } else {
+                let at = |k: usize| row[neighbour(x / 2, k, image.width())];
+                taps.iter().enumerate().map(|(k, tap)| tap * at(k)).sum()
+            };
         }
     }
 }

@@ -43,6 +43,7 @@ pub struct Exposure {
     saturated: Plane<bool>,
     noise: Option<NoiseModel>,
     luma: OnceLock<Plane<f32>>,
+    red_difference: OnceLock<Plane<f32>>,
 }
 
 impl Exposure {
@@ -75,7 +76,7 @@ impl Exposure {
         saturated: Plane<bool>,
         noise: Option<NoiseModel>,
     ) -> Self {
-        Self { rgb, encoding, saturated, noise, luma: OnceLock::new() }
+        Self { rgb, encoding, saturated, noise, luma: OnceLock::new(), red_difference: OnceLock::new() }
     }
 
     /// An 8-bit sRGB exposure of a colour picture.
@@ -180,6 +181,21 @@ impl Exposure {
                 .zip(green.samples())
                 .zip(blue.samples())
                 .map(|((r, g), b)| (0.299 * r + 0.587 * g + 0.114 * b).round())
+                .collect();
+            Plane::from_samples(self.width(), self.height(), samples)
+        })
+    }
+
+    /// Red less the mean of green and blue \[DN\]: how saturated a red is.
+    pub fn red_difference(&self) -> &Plane<f32> {
+        self.red_difference.get_or_init(|| {
+            let [red, green, blue] = &self.rgb;
+            let samples = red
+                .samples()
+                .iter()
+                .zip(green.samples())
+                .zip(blue.samples())
+                .map(|((r, g), b)| r - 0.5 * (g + b))
                 .collect();
             Plane::from_samples(self.width(), self.height(), samples)
         })

@@ -12,7 +12,7 @@ use cornerbench::detect::fast::Fast;
 use cornerbench::detect::good_features::GoodFeatures;
 use cornerbench::detect::harris::Harris;
 use cornerbench::detect::shi_tomasi::ShiTomasi;
-use cornerbench::detect::tensor::{Derivative, StructureTensor, TensorBuffers, Window};
+use cornerbench::detect::tensor::{Derivative, Measure, StructureTensor, TensorBuffers, Window};
 use cornerbench::filter::Border;
 use cornerbench::image::Plane;
 use cornerbench::sensor::Exposure;
@@ -65,7 +65,7 @@ fn corner_sub_pix_equals_opencv_over_a_rendered_picture() {
 }
 
 /// OpenCV's form of the structure tensor's measures, of a plane.
-fn as_opencv(plane: &Plane<f32>, measure: impl Fn(f32, f32, f32) -> f32) -> Plane<f32> {
+fn as_opencv(plane: &Plane<f32>, measure: &impl Measure) -> Plane<f32> {
     let tensor = StructureTensor {
         derivative: Derivative::Sobel,
         window: Window::Box,
@@ -74,7 +74,7 @@ fn as_opencv(plane: &Plane<f32>, measure: impl Fn(f32, f32, f32) -> f32) -> Plan
     };
     let mut response = Plane::filled(plane.width(), plane.height(), f32::NAN);
     let buffers = &mut TensorBuffers::default();
-    tensor.kernels().response(&[(plane, 1.0)], buffers, measure, &mut response);
+    tensor.kernels().response(&[(plane.view(), 1.0)], buffers, measure, &mut response);
     response
 }
 
@@ -120,8 +120,8 @@ fn detectors_equal_opencv() {
                 .map(|four| f32::from_le_bytes(four.try_into().expect("four bytes")))
                 .collect()
         };
-        let harris = as_opencv(luma, Harris::default().measure());
-        let eigenvalue = as_opencv(luma, ShiTomasi::default().measure());
+        let harris = as_opencv(luma, &Harris::default());
+        let eigenvalue = as_opencv(luma, &ShiTomasi::default());
         for (kind, ours, unit) in [
             ("harris", &harris, 255.0_f32.powi(4) / 16.0),
             ("harris_float", &harris, 1.0 / 16.0),

@@ -8,7 +8,7 @@ use cornerbench::detect::harris::Harris;
 use cornerbench::detect::noble::Noble;
 use cornerbench::detect::rohr::Rohr;
 use cornerbench::detect::shi_tomasi::ShiTomasi;
-use cornerbench::detect::tensor::{Derivative, StructureTensor, TensorBuffers};
+use cornerbench::detect::tensor::{Derivative, Measure, StructureTensor, TensorBuffers};
 use cornerbench::detect::{Detection, Detector, Peaks};
 use cornerbench::geometry::ImagePoint;
 use cornerbench::image::{PixelRange, Plane};
@@ -90,11 +90,11 @@ fn direct_tensor(tensor: &StructureTensor, plane: &Plane<f32>) -> Plane<[f64; 3]
 fn response(
     tensor: &StructureTensor,
     plane: &Plane<f32>,
-    measure: impl Fn(f32, f32, f32) -> f32,
+    measure: &impl Measure,
 ) -> Plane<f32> {
     let mut response = Plane::filled(plane.width(), plane.height(), f32::NAN);
     let buffers = &mut TensorBuffers::default();
-    tensor.kernels().response(&[(plane, 1.0)], buffers, measure, &mut response);
+    tensor.kernels().response(&[(plane.view(), 1.0)], buffers, measure, &mut response);
     response
 }
 
@@ -120,12 +120,12 @@ fn measures_of_the_tensor_match_direct_sums() {
             let harris = Harris::default();
             close(
                 "harris",
-                &response(&tensor, &plane, harris.measure()),
+                &response(&tensor, &plane, &harris),
                 &by(&|a, b, c| a * b - c * c - harris.k * (a + b).powi(2)),
             );
             close(
                 "shi_tomasi",
-                &response(&tensor, &plane, ShiTomasi::default().measure()),
+                &response(&tensor, &plane, &ShiTomasi::default()),
                 &by(&|a, b, c| {
                     let eigenvalues = nalgebra::Matrix2::new(a, c, c, b).symmetric_eigenvalues();
                     eigenvalues.min()
@@ -133,16 +133,16 @@ fn measures_of_the_tensor_match_direct_sums() {
             );
             close(
                 "noble",
-                &response(&tensor, &plane, Noble::default().measure()),
+                &response(&tensor, &plane, &Noble::default()),
                 &by(&|a, b, c| (a * b - c * c) / (a + b + 1e-6)),
             );
             close(
                 "rohr",
-                &response(&tensor, &plane, Rohr::default().measure()),
+                &response(&tensor, &plane, &Rohr::default()),
                 &by(&|a, b, c| a * b - c * c),
             );
             let foerstner = Foerstner { roundness: 0.6, ..Foerstner::default() };
-            let found = response(&tensor, &plane, foerstner.measure());
+            let found = response(&tensor, &plane, &foerstner);
             for (found, [a, b, c]) in found.samples().iter().zip(direct.samples()) {
                 let (determinant, trace) = (a * b - c * c, a + b + 1e-6);
                 let q = 4.0 * determinant / (trace * trace);
@@ -178,7 +178,8 @@ fn fast_matches_its_definition() {
         [-1.0, -3.0],
     ];
     for arc in 9..=12 {
-        let found = Fast { arc_px: arc, ..Fast::default() }.score(&plane);
+        let mut found = Plane::default();
+        Fast { arc_px: arc, ..Fast::default() }.score(plane.view(), &mut found);
         for y in 3..47 {
             for x in 3..67 {
                 let middle = plane.at(x, y);
