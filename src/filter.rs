@@ -19,6 +19,13 @@ pub struct Kernel {
     count: usize,
 }
 
+/// Rows that a kernel is applied across. A trait, not a closure: whose code is to be inlined into
+/// that of wider vectors must say so.
+pub trait Rows {
+    /// The row that tap `k` weighs; it may be longer than needed.
+    fn row(&self, k: usize) -> &[f32];
+}
+
 /// How an image continues beyond its border.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
@@ -58,11 +65,13 @@ impl Border {
 pub type Span = std::ops::Range<isize>;
 
 /// `span` and `radius` more on both sides.
+#[inline(always)]
 pub fn grown(span: &Span, radius: usize) -> Span {
     span.start - radius.cast_signed()..span.end + radius.cast_signed()
 }
 
 /// What of `span` lies in a row of `count` samples.
+#[inline(always)]
 pub fn inside(span: &Span, count: usize) -> Span {
     span.start.max(0)..span.end.min(count.cast_signed())
 }
@@ -140,11 +149,13 @@ impl Kernel {
     }
 
     /// How many neighbours it weighs on each side.
+    #[inline(always)]
     pub fn radius(&self) -> usize {
         self.count / 2
     }
 
     /// Its taps.
+    #[inline(always)]
     pub fn taps(&self) -> &[f32] {
         &self.taps[..self.count]
     }
@@ -152,49 +163,104 @@ impl Kernel {
     /// Filters along a row: `out[x]` is the sum over k of `taps[k] * row[x + k]`.
     #[inline(always)]
     pub fn along<S: Simd>(&self, simd: S, row: &[f32], out: &mut [f32]) {
-        let mut x = 0;
-        while out.len() - x >= MANY * S::F32_LANES {
-            let mut sums = [Lanes::splat(simd, 0.0); MANY]; // in registers over all taps
-            for (k, &tap) in self.taps().iter().enumerate() {
-                add_many(&mut sums, Lanes::splat(simd, tap), simd, row, x + k);
-            }
-            x = store_many(sums, out, x);
-        }
-        while x < out.len() {
-            let mut sum = Lanes::splat(simd, 0.0);
-            for (k, &tap) in self.taps().iter().enumerate() {
-                let end = (x + k + S::F32_LANES).min(out.len() + k);
-                let samples = Lanes::load_part(simd, &row[..end], x + k);
-                sum = Lanes::splat(simd, tap).mul_add(samples, sum);
-            }
-            let end = (x + S::F32_LANES).min(out.len());
-            sum.store_part(&mut out[..end], x);
-            x = end;
-        }
+        self.across(simd, &Shifted(row), out);
     }
 
-    /// Filters across rows: `out[x]` is the sum over k of `taps[k] * rows[k][first + x]`.
+    /// Filters across rows: `out[x]` is the sum over k of `taps[k] * rows.row(k)[x]`.
     #[inline(always)]
-    pub fn across<S: Simd>(&self, simd: S, rows: &[&[f32]], first: usize, out: &mut [f32]) {
-        let mut x = 0;
-        while out.len() - x >= MANY * S::F32_LANES {
-            let mut sums = [Lanes::splat(simd, 0.0); MANY];
-            for (row, &tap) in rows.iter().zip(self.taps()) {
-                add_many(&mut sums, Lanes::splat(simd, tap), simd, row, first + x);
-            }
-            x = store_many(sums, out, x);
-        }
-        while x < out.len() {
-            let end = (x + S::F32_LANES).min(out.len());
-            let mut sum = Lanes::splat(simd, 0.0);
-            for (row, &tap) in rows.iter().zip(self.taps()) {
-                let samples = Lanes::load_part(simd, &row[..first + end], first + x);
-                sum = Lanes::splat(simd, tap).mul_add(samples, sum);
-            }
-            sum.store_part(&mut out[..end], x);
-            x = end;
+    pub fn across<S: Simd>(&self, simd: S, rows: &impl Rows, out: &mut [f32]) {
+        // Of these counts the loops over the taps are unrolled: Sobel's, and Gaussians' of 0.6 to 2 px.
+        match self.count {
+            1 => weigh_n::<S, 1>(simd, self.taps(), rows, out),
+            3 => weigh_n::<S, 3>(simd, self.taps(), rows, out),
+            7 => weigh_n::<S, 7>(simd, self.taps(), rows, out),
+            11 => weigh_n::<S, 11>(simd, self.taps(), rows, out),
+            13 => weigh_n::<S, 13>(simd, self.taps(), rows, out),
+            _ => weigh(simd, self.taps(), rows, out),
         }
     }
+}
+
+/// One row, which each tap weighs from another sample on.
+struct Shifted<'a>(&'a [f32]);
+
+impl Rows for Shifted<'_> {
+    #[inline(always)]
+    fn row(&self, k: usize) -> &[f32] {
+        &self.0[k..]
+    }
+}
+
+/// Rows of `N` taps added up.
+#[inline(always)]
+fn weigh_n<S: Simd, const N: usize>(simd: S, taps: &[f32], rows: &impl Rows, out: &mut [f32]) {
+    let count = out.len();
+    if count < S::F32_LANES {
+        return weigh(simd, taps, rows, out);
+    }
+    let mut weights = [Lanes::splat(simd, 0.0); N];
+    let mut samples: [&[f32]; N] = [&[]; N];
+    for k in 0..N {
+        weights[k] = Lanes::splat(simd, taps[k]);
+        samples[k] = &rows.row(k)[..count];
+    }
+    let mut x = 0;
+    while x < count {
+        x = last_vector::<S>(x, count);
+        let mut sum = weights[0] * Lanes::load(simd, samples[0], x);
+        for k in 1..N {
+            sum = weights[k].mul_add(Lanes::load(simd, samples[k], x), sum);
+        }
+        sum.store(out, x);
+        x += S::F32_LANES;
+    }
+}
+
+/// Rows of any number of taps added up.
+#[inline(always)]
+fn weigh<S: Simd>(simd: S, taps: &[f32], rows: &impl Rows, out: &mut [f32]) {
+    let mut x = 0;
+    while out.len() - x >= MANY * S::F32_LANES {
+        let mut sums = [Lanes::splat(simd, 0.0); MANY]; // in registers over all taps
+        for (k, &tap) in taps.iter().enumerate() {
+            add_many(&mut sums, Lanes::splat(simd, tap), simd, rows.row(k), x);
+        }
+        x = store_many(sums, out, x);
+    }
+    while x < out.len() {
+        x = last_vector::<S>(x, out.len());
+        let mut sum = Lanes::splat(simd, 0.0);
+        for (k, &tap) in taps.iter().enumerate() {
+            let samples = load(simd, &rows.row(k)[..out.len()], x);
+            sum = Lanes::splat(simd, tap).mul_add(samples, sum);
+        }
+        x = store(sum, out, x);
+    }
+}
+
+/// Where the next vector of `count` samples begins: so that none but an only one is cut off.
+#[inline(always)]
+fn last_vector<S: Simd>(x: usize, count: usize) -> usize {
+    x.min(count.saturating_sub(S::F32_LANES))
+}
+
+#[inline(always)]
+fn load<S: Simd>(simd: S, samples: &[f32], first: usize) -> Lanes<S> {
+    if samples.len() - first >= S::F32_LANES {
+        Lanes::load(simd, samples, first)
+    } else {
+        Lanes::load_part(simd, samples, first)
+    }
+}
+
+#[inline(always)]
+fn store<S: Simd>(values: Lanes<S>, samples: &mut [f32], first: usize) -> usize {
+    if samples.len() - first >= S::F32_LANES {
+        values.store(samples, first);
+    } else {
+        values.store_part(samples, first);
+    }
+    first + S::F32_LANES
 }
 
 /// Vectors that are summed at a time: sums that do not wait for each other.
@@ -226,7 +292,7 @@ fn store_many<S: Simd>(sums: [Lanes<S>; MANY], samples: &mut [f32], first: usize
 }
 
 /// The most taps: those of a Gaussian of 16 px, and some more.
-pub const MOST_TAPS: usize = 128;
+const MOST_TAPS: usize = 128;
 
 /// How far a Gaussian of `sigma` \[px\] is sampled from its centre: ceil(3 sigma) \[px\].
 #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
@@ -249,6 +315,15 @@ fn bell(z: f64) -> f64 {
 mod tests {
     use super::*;
 
+    struct Several<'a>(&'a [&'a [f32]]);
+
+    impl Rows for Several<'_> {
+        #[inline(always)]
+        fn row(&self, k: usize) -> &[f32] {
+            self.0[k]
+        }
+    }
+
     /// A row filtered along, or columns of it across: compiled for the machine's vectors.
     struct Filtered<'a>(&'a Kernel, &'a [&'a [f32]], &'a mut [f32]);
 
@@ -260,7 +335,7 @@ mod tests {
             let Self(kernel, rows, out) = self;
             match rows {
                 [row] => kernel.along(simd, row, out),
-                rows => kernel.across(simd, rows, 0, out),
+                rows => kernel.across(simd, &Several(rows), out),
             }
         }
     }

@@ -83,6 +83,12 @@ impl<T: Copy> Plane<T> {
         (self.width, self.height) = (width, height);
     }
 
+    /// Makes it a plane of another size whose samples are anything; its memory is used again.
+    pub fn resize(&mut self, width: usize, height: usize, any: T) {
+        self.samples.resize(width * height, any);
+        (self.width, self.height) = (width, height);
+    }
+
     /// All of it, without a copy.
     pub fn view(&self) -> View<'_, T> {
         View { samples: &self.samples, width: self.width, height: self.height, stride: self.width }

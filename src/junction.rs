@@ -13,7 +13,42 @@
 
 use std::f64::consts::{FRAC_1_SQRT_2, PI};
 
+use serde::{Deserialize, Serialize};
+
 use crate::geometry::ImagePoint;
+
+/// What a corner looks like: what the edges make that are seen from it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Junction {
+    /// Two edges.
+    L,
+    /// Three edges, less than half a turn between any two neighbours.
+    Y,
+    /// Three edges on one side.
+    #[serde(rename = "arrow")]
+    Arrow,
+    /// An edge that ends at another one, which goes on: an outline before an edge.
+    T,
+    /// Four edges, two and two in line: of a board.
+    X,
+    /// One edge.
+    #[serde(rename = "edge end")]
+    EdgeEnd,
+}
+
+impl Junction {
+    /// The name used in files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::L => "L",
+            Self::Y => "Y",
+            Self::Arrow => "arrow",
+            Self::T => "T",
+            Self::X => "X",
+            Self::EdgeEnd => "edge end",
+        }
+    }
+}
 
 /// Straight edges that meet in a point, and the radiance between them.
 #[derive(Clone, Debug, PartialEq)]

@@ -45,7 +45,7 @@ pub(super) fn run(global: &Global, options: &Options) -> Result<Ended> {
     let seeds: Vec<Detection> = if options.at.is_empty() && options.points.is_none() {
         pipeline.detect.algorithm.detect(&exposure, None)
     } else {
-        points.into_iter().map(|point| Detection { point, response: 0.0 }).collect()
+        points.into_iter().map(|point| Detection::new(point, 0.0)).collect()
     };
     for corner in pipeline.refine.algorithm.refine(&exposure, &seeds) {
         let (seed, at) = (corner.seed.point, corner.position);

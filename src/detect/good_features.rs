@@ -103,40 +103,57 @@ impl Detector for GoodFeatures {
             return;
         };
         #[allow(clippy::cast_possible_truncation, reason = "as OpenCV compares")]
-        let threshold = (f64::from(searched.strongest(&scratch.response)) * self.quality_level) as f32;
-        let Scratch { response, candidates, taken, .. } = scratch;
+        let threshold =
+            (f64::from(searched.strongest(&scratch.response)) * self.quality_level) as f32;
+        let Scratch { response, candidates, taken, disc, .. } = scratch;
         searched.candidates(response, 1, f64::from(threshold), Equals::All, candidates);
         candidates.strongest_and_last_first(); // as OpenCV's
         let most = if self.most > 0 { self.most as usize } else { usize::MAX };
         taken.reset(exposure.width(), exposure.height(), false);
+        half_widths(self.min_distance_px, disc);
         for (index, response) in candidates.iter() {
             let [x, y] = searched.place(index);
             if found.len() == most {
                 break;
             }
             if !taken.at(x, y) {
-                found.push(Detection { point: ImagePoint::new(x as f64, y as f64), response });
-                take_disc(taken, [x, y], self.min_distance_px);
+                found.push(Detection::new(ImagePoint::new(x as f64, y as f64), response));
+                take_disc(taken, [x, y], disc);
             }
         }
     }
 }
 
-/// Takes the pixels that are nearer to one than `distance_px`; none where that is less than 1.
-fn take_disc(taken: &mut Plane<bool>, [x, y]: [usize; 2], distance_px: f64) {
+/// Replaces what `disc` holds by how far to both sides the pixels are nearer than `distance_px`, 0, 1, ...
+/// rows away; none where the distance is less than 1.
+fn half_widths(distance_px: f64, disc: &mut Vec<usize>) {
+    disc.clear();
     if distance_px < 1.0 {
         return;
     }
-    // Whole numbers: what is less than the distance is at most the next lower one.
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "1 to 1000")]
-    let reach = distance_px.ceil() as usize;
-    let most = distance_px * distance_px;
-    for row in y.saturating_sub(reach)..(y + reach + 1).min(taken.height()) {
-        let dy = row.abs_diff(y);
-        let is_near = |dx: &usize| ((dx * dx + dy * dy) as f64) < most;
-        if let Some(half) = (0..=reach).rev().find(is_near) {
-            let end = (x + half + 1).min(taken.width());
-            taken.row_mut(row)[x.saturating_sub(half)..end].fill(true);
+    let mut half = distance_px.ceil() as usize;
+    for dy in 0..=half {
+        while half > 0 && (half * half + dy * dy) as f64 >= distance_px * distance_px {
+            half -= 1;
+        }
+        if (half * half + dy * dy) as f64 >= distance_px * distance_px {
+            break;
+        }
+        disc.push(half);
+    }
+}
+
+/// Takes the pixels of a disc.
+fn take_disc(taken: &mut Plane<bool>, [x, y]: [usize; 2], disc: &[usize]) {
+    let (width, height) = (taken.width(), taken.height());
+    for (dy, half) in disc.iter().enumerate() {
+        let columns = x.saturating_sub(*half)..(x + half + 1).min(width);
+        if y + dy < height {
+            taken.row_mut(y + dy)[columns.clone()].fill(true);
+        }
+        if dy <= y {
+            taken.row_mut(y - dy)[columns].fill(true);
         }
     }
 }

@@ -1,6 +1,7 @@
 //! From an exposure to corner candidates.
 
 use crate::geometry::ImagePoint;
+use crate::junction::Junction;
 use crate::registry::Entry;
 use crate::sensor::Exposure;
 use crate::target::TargetRegion;
@@ -24,6 +25,15 @@ pub struct Detection {
     pub point: ImagePoint,
     /// How strong, in the detector's own unit; not comparable across detectors.
     pub response: f64,
+    /// What it looks like, of a detector that tells.
+    pub junction: Option<Junction>,
+}
+
+impl Detection {
+    /// A candidate of a detector that does not tell what it looks like.
+    pub fn new(point: ImagePoint, response: f64) -> Self {
+        Self { point, response, junction: None }
+    }
 }
 
 /// Finds corner candidates in one exposure.

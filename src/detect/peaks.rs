@@ -83,6 +83,8 @@ pub struct Scratch {
     pub(super) candidates: Candidates,
     /// Where no more corner may be.
     pub(super) taken: Plane<bool>,
+    /// Half widths of the disc that a corner takes.
+    pub(super) disc: Vec<usize>,
 }
 
 /// Which of equally strong neighbours is a peak.
@@ -121,7 +123,7 @@ pub(super) fn detect_peaks(
     found.extend(scratch.candidates.iter().take(most).map(|(index, response)| {
         let [x, y] = searched.place(index);
         let scale = 1.0 / pitch as f64;
-        Detection { point: ImagePoint::new(scale * x as f64, scale * y as f64), response }
+        Detection::new(ImagePoint::new(scale * x as f64, scale * y as f64), response)
     }));
 }
 
@@ -257,16 +259,20 @@ impl pulp::WithSimd for Strongest<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> f32 {
-        let mut strongest = [Lanes::splat(simd, 0.0); 4];
-        let mut blocks = self.0.chunks_exact(4 * S::F32_LANES);
-        for block in &mut blocks {
-            for (part, largest) in strongest.iter_mut().enumerate() {
-                *largest = largest.max(Lanes::load(simd, block, part * S::F32_LANES));
-            }
+        let samples = self.0;
+        let mut strongest = Lanes::splat(simd, 0.0);
+        let mut x = 0;
+        while x < samples.len() {
+            // The last vector overlaps the one before; of a row shorter than one, lanes are 0.
+            let first = x.min(samples.len().saturating_sub(S::F32_LANES));
+            strongest = strongest.max(if samples.len() < S::F32_LANES {
+                Lanes::load_part(simd, samples, first)
+            } else {
+                Lanes::load(simd, samples, first)
+            });
+            x = first + S::F32_LANES;
         }
-        let [a, b, c, d] = strongest;
-        let rest = blocks.remainder().iter().fold(0.0, |most: f32, &r| most.max(r));
-        a.max(b).max(c.max(d)).largest().max(rest)
+        strongest.largest()
     }
 }
 
@@ -290,22 +296,27 @@ impl pulp::WithSimd for MaximaOfRow<'_> {
         let (width, height) = (self.response.width(), self.response.height());
         let row = self.response.row(self.y);
         let mut x = self.columns.start;
-        // Whole vectors whose neighbours are in the plane.
-        let inner = self.y > 0 && self.y + 1 < height;
         while x < self.columns.end {
-            if !inner || x == 0 || x + MANY * S::F32_LANES + 1 > width.min(self.columns.end) {
+            // Whole vectors whose neighbours are in the plane.
+            let fits = |vectors: usize| {
+                let end = x + vectors * S::F32_LANES;
+                x > 0 && end < width && end <= self.columns.end && self.y > 0 && self.y + 1 < height
+            };
+            let vectors = if fits(MANY) { MANY } else { usize::from(fits(1)) };
+            if vectors == 0 {
                 self.judge(x);
                 x += 1;
                 continue;
             }
+            let end = x + vectors * S::F32_LANES;
             let mut largest = Lanes::load(simd, row, x);
-            for part in 1..MANY {
-                largest = largest.max(Lanes::load(simd, row, x + part * S::F32_LANES));
+            for first in (x..end).step_by(S::F32_LANES).skip(1) {
+                largest = largest.max(Lanes::load(simd, row, first));
             }
             if largest.largest() >= self.least {
-                self.judge_vectors(simd, x..x + MANY * S::F32_LANES);
+                self.judge_vectors(simd, x..end);
             }
-            x += MANY * S::F32_LANES;
+            x = end;
         }
     }
 }
@@ -316,6 +327,7 @@ impl MaximaOfRow<'_> {
     fn judge_vectors<S: Simd>(&mut self, simd: S, columns: Range<usize>) {
         let rows = [self.y - 1, self.y, self.y + 1].map(|y| self.response.row(y));
         let [above, row, below] = rows;
+        let row_length = self.response.width();
         for x in columns.step_by(S::F32_LANES) {
             let here = Lanes::load(simd, row, x);
             let mut most = Lanes::splat(simd, self.least);
@@ -332,7 +344,12 @@ impl MaximaOfRow<'_> {
             excess.store(&mut excesses, 0);
             for lane in 0..S::F32_LANES {
                 if excesses[lane] >= 0.0 {
-                    self.judge(x + lane);
+                    // All that there is to judge has been.
+                    if self.radius == 1 && self.equals == Equals::All && self.least > 0.0 {
+                        self.found.push(key_of(self.y * row_length + x + lane, row[x + lane]));
+                    } else {
+                        self.judge(x + lane);
+                    }
                 }
             }
         }
@@ -363,9 +380,9 @@ impl MaximaOfRow<'_> {
                 Equals::All => [true; 2],
             };
             for (samples, may_equal) in [before, after].into_iter().zip(may_equal) {
-                let exceeded = samples.iter().any(|&other| {
-                    if may_equal { other > here } else { other >= here }
-                });
+                let exceeded = samples
+                    .iter()
+                    .any(|&other| if may_equal { other > here } else { other >= here });
                 if exceeded {
                     return;
                 }

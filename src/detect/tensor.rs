@@ -212,7 +212,8 @@ impl Block<'_> {
         let (width, height) = (image.width(), image.height());
         let all = PixelRange { x0: 0, y0: rows.start, x1: width, y1: rows.end };
         let tiles = |range, memory: &mut Vec<f32>, out: &mut [f32]| {
-            tiles::Tiles { kernels, planes, range, first_row: rows.start, memory, out }.run(measure);
+            tiles::Tiles { kernels, planes, range, first_row: rows.start, memory, out }
+                .run(measure);
         };
         let Some(taps) = fused::ThreeTaps::of(kernels).filter(|_| planes.len() == 1) else {
             return tiles(all, &mut memory.tiles, out);
@@ -297,7 +298,7 @@ impl<M: Measure> Response for Measured<'_, M> {
             weighted[count] = (view, weight);
             count += 1;
         }
-        response.reset(range.width(), range.height(), 0.0);
+        response.resize(range.width(), range.height(), 0.0);
         self.kernels.response(&weighted[..count], tensor, self.measure, response);
     }
 }
@@ -341,7 +342,7 @@ fn twice(
     let taps: [f32; 8] = std::array::from_fn(|k| (tap(k) / sum) as f32);
     let neighbour =
         |first: usize, k: usize, count: usize| border.index((first + k).cast_signed() - 3, count);
-    out.reset(range.width(), range.height(), 0.0);
+    out.resize(range.width(), range.height(), 0.0);
     row.resize(image.width(), 0.0);
     for y in range.y0..range.y1 {
         if y % 2 == 0 {

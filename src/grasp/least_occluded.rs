@@ -312,7 +312,7 @@ mod tests {
 
     fn corners(points: &[[f64; 2]]) -> Vec<Corner> {
         let corner = |&point: &[f64; 2]| Corner {
-            seed: Detection { point: point.into(), response: 1.0 },
+            seed: Detection::new(point.into(), 1.0),
             position: point.into(),
             covariance_px2: None,
             iterations: 0,

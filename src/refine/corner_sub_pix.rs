@@ -286,7 +286,7 @@ mod tests {
     }
 
     fn refine(refiner: &CornerSubPix, exposure: &Exposure, x: f64, y: f64) -> Corner {
-        let seed = Detection { point: ImagePoint::new(x, y), response: 1.0 };
+        let seed = Detection::new(ImagePoint::new(x, y), 1.0);
         refiner.refine(exposure, &[seed])[0]
     }
 

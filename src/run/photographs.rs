@@ -16,7 +16,8 @@ use crate::error::{Error, Result};
 use crate::files::{refuse_foreign, write_json, write_whole};
 use crate::geometry::{Camera, ImagePoint, Pose, PoseRows};
 use crate::image::Plane;
-use crate::scene::{Dataset, Junction, Scene, Visibility};
+use crate::junction::Junction;
+use crate::scene::{Dataset, Scene, Visibility};
 use crate::sensor::{
     CameraModel, Colour, Demosaic, Exposure, PhotographBuffers, Photographer, RangeImage,
     RangeSensor, Shot, Transfer,

@@ -14,6 +14,6 @@ pub use description::{Description, FilmDescription, Lens, Split, TargetDescripti
 pub use film::{Coverage, Film};
 pub use geometry::{Geometry, NO_FACE, RangeRays};
 pub use truth::{
-    Cause, EdgeAtCorner, EdgeEnd, FaceAtCorner, FalseJunction, IntervalEnd, Junction, SeenInterval,
+    Cause, EdgeAtCorner, EdgeEnd, FaceAtCorner, FalseJunction, IntervalEnd, SeenInterval,
     TrueCorner, TrueEdge, TrueFace, Truth, Visibility, polygon_area_px2,
 };

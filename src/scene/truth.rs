@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::geometry::{Camera, ImagePoint};
+use crate::junction::Junction;
 
 /// Corners, edges and faces of the target, as projected and as seen.
 #[derive(Clone, Debug, Deserialize)]
@@ -34,36 +35,6 @@ pub enum Visibility {
     Occluded,
     /// The vertex projects outside the sensor.
     Outside,
-}
-
-/// What a visible corner looks like: what the edges make that are seen from it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Junction {
-    /// Two edges.
-    L,
-    /// Three edges, less than half a turn between any two neighbours.
-    Y,
-    /// Three edges on one side.
-    #[serde(rename = "arrow")]
-    Arrow,
-    /// Four edges of a board.
-    X,
-    /// One edge.
-    #[serde(rename = "edge end")]
-    EdgeEnd,
-}
-
-impl Junction {
-    /// The name used in files.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::L => "L",
-            Self::Y => "Y",
-            Self::Arrow => "arrow",
-            Self::X => "X",
-            Self::EdgeEnd => "edge end",
-        }
-    }
 }
 
 /// A vertex of the target.

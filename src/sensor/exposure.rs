@@ -76,7 +76,14 @@ impl Exposure {
         saturated: Plane<bool>,
         noise: Option<NoiseModel>,
     ) -> Self {
-        Self { rgb, encoding, saturated, noise, luma: OnceLock::new(), red_difference: OnceLock::new() }
+        Self {
+            rgb,
+            encoding,
+            saturated,
+            noise,
+            luma: OnceLock::new(),
+            red_difference: OnceLock::new(),
+        }
     }
 
     /// An 8-bit sRGB exposure of a colour picture.

@@ -232,7 +232,7 @@ fn detectors_answer_on_degenerate_images_and_regions() {
     for (name, detector) in built(DETECTORS) {
         for exposure in degenerate().into_iter().chain([scene(0, 0)]) {
             for detection in detector.detect(&exposure, None) {
-                let Detection { point, response } = detection;
+                let Detection { point, response, .. } = detection;
                 assert!(
                     point.x.is_finite() && point.y.is_finite() && response.is_finite(),
                     "{name}"

@@ -5,8 +5,9 @@ use std::path::Path;
 
 use serde_json::Value;
 
+use cornerbench::junction::Junction;
 use cornerbench::record::{Record, kind, read_records};
-use cornerbench::scene::{Dataset, FORMAT, Junction, TargetKind, TrueCorner, sha256_hex};
+use cornerbench::scene::{Dataset, FORMAT, TargetKind, TrueCorner, sha256_hex};
 use nalgebra::Point3;
 
 use crate::support::{

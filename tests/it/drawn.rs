@@ -19,7 +19,7 @@ pub fn grey(plane: Plane<f32>) -> Exposure {
 
 /// A seed of no particular strength.
 pub fn seed(x: f64, y: f64) -> Detection {
-    Detection { point: ImagePoint::new(x, y), response: 1.0 }
+    Detection::new(ImagePoint::new(x, y), 1.0)
 }
 
 /// A whole number in 0..256 that looks random and is always the same for a pixel.

@@ -143,7 +143,7 @@ fn corners_at(points: &[ImagePoint]) -> Vec<Corner> {
         .iter()
         .zip((0..points.len()).rev())
         .map(|(&point, rank)| Corner {
-            seed: Detection { point, response: rank as f64 },
+            seed: Detection::new(point, rank as f64),
             position: point,
             covariance_px2: None,
             iterations: 1,

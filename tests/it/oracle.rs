@@ -87,11 +87,7 @@ fn direct_tensor(tensor: &StructureTensor, plane: &Plane<f32>) -> Plane<[f64; 3]
 }
 
 /// What a detector makes of a tensor.
-fn response(
-    tensor: &StructureTensor,
-    plane: &Plane<f32>,
-    measure: &impl Measure,
-) -> Plane<f32> {
+fn response(tensor: &StructureTensor, plane: &Plane<f32>, measure: &impl Measure) -> Plane<f32> {
     let mut response = Plane::filled(plane.width(), plane.height(), f32::NAN);
     let buffers = &mut TensorBuffers::default();
     tensor.kernels().response(&[(plane.view(), 1.0)], buffers, measure, &mut response);

@@ -36,7 +36,8 @@ impl ThreeTaps {
         let &[outer, inner, _] = kernels.window.taps() else { return None };
         let is = |a: f32, b: f32| a.to_bits() == b.to_bits();
         let gain = after * middle * outer;
-        (is(before, -after) && is(outer, inner)).then_some(Self { beside: beside / middle, scale: gain * gain })
+        (is(before, -after) && is(outer, inner))
+            .then_some(Self { beside: beside / middle, scale: gain * gain })
     }
 
     /// Fills the `range`, of which no pixel's support leaves the image; the first of `out`'s rows, which
@@ -84,8 +85,8 @@ pub(super) fn sides<M: Measure>(
     let BlockMemory { tiles, sides: SideMemory { turned, response } } = memory;
     // Rows on which those of `inner` depend.
     let rows = inner.y0 - SUPPORT..inner.y1 + SUPPORT;
-    turned.reset(rows.len(), 2 * SUPPORT, 0.0);
-    response.reset(rows.len(), 2 * SUPPORT, 0.0);
+    turned.resize(rows.len(), 2 * SUPPORT, 0.0);
+    response.resize(rows.len(), 2 * SUPPORT, 0.0);
     // The first column of the image that is turned, and which of these are at its border.
     for (first, border) in [(0, 0), (image.width() - 2 * SUPPORT, SUPPORT)] {
         for (x, y) in rows.clone().enumerate() {

@@ -5,14 +5,17 @@ use std::ops::Range;
 use pulp::Simd;
 
 use super::{Measure, TensorKernels};
-use crate::filter::{Kernel, MOST_TAPS, grown, inside};
+use crate::filter::{Border, Kernel, Rows, grown, inside};
 use crate::image::{PixelRange, View};
 use crate::vector::{Lanes, Real};
 
 /// Columns of a tile.
 const COLUMNS: usize = 192;
 /// More than any vector holds: rows are computed in whole vectors.
-const SLACK: usize = 64;
+const SLACK: usize = 16;
+/// Samples from one row of averages to the next. Were they a part of 4 KiB apart, loads would wait for
+/// stores to other rows.
+const PITCH: usize = COLUMNS + SLACK;
 
 /// Part of a response.
 pub(super) struct Tiles<'a> {
@@ -29,7 +32,7 @@ pub(super) struct Tiles<'a> {
 impl Tiles<'_> {
     pub(super) fn run<M: Measure>(self, measure: &M) {
         if self.range.width() > 0 && self.range.height() > 0 {
-            pulp::Arch::new().dispatch(Vectors { tiles: self, measure: &Rows(measure) });
+            pulp::Arch::new().dispatch(Vectors { tiles: self, measure: &Measuring(measure) });
         }
     }
 }
@@ -39,9 +42,9 @@ trait MeasureRows {
     fn rows(&self, tensor: [&[f32]; 3], out: &mut [f32]);
 }
 
-struct Rows<'a, M>(&'a M);
+struct Measuring<'a, M>(&'a M);
 
-impl<M: Measure> MeasureRows for Rows<'_, M> {
+impl<M: Measure> MeasureRows for Measuring<'_, M> {
     fn rows(&self, tensor: [&[f32]; 3], out: &mut [f32]) {
         pulp::Arch::new().dispatch(Measured { measure: self.0, tensor, out });
     }
@@ -82,14 +85,17 @@ impl pulp::WithSimd for Vectors<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let Self { tiles: Tiles { kernels, planes, range, first_row, memory, out }, measure } = self;
+        let Self { tiles: Tiles { kernels, planes, range, first_row, memory, out }, measure } =
+            self;
         let width = planes[0].0.width();
         let mut x0 = range.x0;
         while x0 < range.x1 {
             let columns = x0..(x0 + COLUMNS).min(range.x1);
             let mut tile = Tile::new(kernels, planes, columns.clone(), memory);
             let window = kernels.window.radius();
-            for y in range.y0.cast_signed() - window.cast_signed()..(range.y1 + window).cast_signed() {
+            for y in
+                range.y0.cast_signed() - window.cast_signed()..(range.y1 + window).cast_signed()
+            {
                 tile.next_row(simd, y);
                 let done = y - window.cast_signed();
                 if done >= range.y0.cast_signed() {
@@ -108,7 +114,7 @@ struct Tile<'a> {
     kernels: &'a TensorKernels,
     planes: &'a [(View<'a, f32>, f32)],
     columns: Range<usize>,
-    /// Samples from one row of memory to the next.
+    /// Samples from one row of `across` and `products` to the next.
     stride: usize,
     /// The image smoothed, and differentiated, from row to row.
     across: &'a mut [f32],
@@ -130,14 +136,12 @@ impl<'a> Tile<'a> {
         columns: Range<usize>,
         memory: &'a mut Vec<f32>,
     ) -> Self {
-        // Rows that begin at multiples of 4 KiB would wait for each other's stores.
-        let reach = (2 * kernels.support()).next_multiple_of(SLACK);
-        let stride = COLUMNS + reach + SLACK;
+        let stride = PITCH + (2 * kernels.support()).next_multiple_of(SLACK);
         let kept = 2 * kernels.window.radius() + 1;
-        memory.resize((2 + 3 + 3 + 3 * kept) * stride, 0.0);
+        memory.resize((2 + 3) * stride + (3 + 3 * kept) * PITCH, 0.0);
         let (across, rest) = memory.split_at_mut(2 * stride);
         let (products, rest) = rest.split_at_mut(3 * stride);
-        let (tensor, ring) = rest.split_at_mut(3 * stride);
+        let (tensor, ring) = rest.split_at_mut(3 * PITCH);
         Self { kernels, planes, columns, stride, across, products, ring, tensor, newest: 0 }
     }
 
@@ -159,14 +163,14 @@ impl<'a> Tile<'a> {
         let (smoothed, differentiated) = self.across.split_at_mut(self.stride);
         for (index, (plane, weight)) in self.planes.iter().enumerate() {
             for (kernel, out) in [(smooth, &mut *smoothed), (along, &mut *differentiated)] {
-                let mut rows: [&[f32]; MOST_TAPS] = [&[]; MOST_TAPS];
-                let radius = kernel.radius().cast_signed();
-                for (row, step) in rows.iter_mut().zip(-radius..=radius) {
-                    let columns = have_across.start.unsigned_abs()..have_across.end.unsigned_abs();
-                    *row = &plane.row(border.index(y + step, height))[columns];
-                }
+                let image = ImageRows {
+                    plane: *plane,
+                    first: y - kernel.radius().cast_signed(),
+                    border: *border,
+                    column: have_across.start.unsigned_abs(),
+                };
                 let filled = &mut out[offset_across..offset_across + have_across.len()];
-                kernel.across(simd, &rows, 0, filled);
+                kernel.across(simd, &image, filled);
                 if have_across != wanted_across {
                     border.extend(out, &have_across, &wanted_across, width);
                 }
@@ -186,7 +190,7 @@ impl<'a> Tile<'a> {
             if have != wanted {
                 border.extend(products, &have, &wanted, width);
             }
-            let at = (3 * self.newest + index) * self.stride;
+            let at = (3 * self.newest + index) * PITCH;
             window.along(simd, products, &mut self.ring[at..at + whole]);
         }
     }
@@ -197,17 +201,47 @@ impl<'a> Tile<'a> {
         let window = &self.kernels.window;
         let kept = 2 * window.radius() + 1;
         let whole = self.columns.len().next_multiple_of(SLACK);
-        let mut rows: [&[f32]; MOST_TAPS] = [&[]; MOST_TAPS];
-        for (k, row) in rows[..kept].iter_mut().enumerate() {
-            let slot = (self.newest + 1 + k) % kept;
-            *row = &self.ring[3 * slot * self.stride..3 * (slot + 1) * self.stride];
+        for (index, sums) in self.tensor.chunks_mut(PITCH).enumerate() {
+            let oldest = self.newest + 1;
+            let ring = RingRows { ring: self.ring, index, kept, oldest };
+            window.across(simd, &ring, &mut sums[..whole]);
         }
-        for (index, sums) in self.tensor.chunks_mut(self.stride).enumerate() {
-            window.across(simd, &rows, index * self.stride, &mut sums[..whole]);
-        }
-        let (a, rest) = self.tensor.split_at(self.stride);
-        let (b, c) = rest.split_at(self.stride);
+        let (a, rest) = self.tensor.split_at(PITCH);
+        let (b, c) = rest.split_at(PITCH);
         [a, b, c]
+    }
+}
+
+/// Rows of an image from `first` on, which may lie beyond its border.
+struct ImageRows<'a> {
+    plane: View<'a, f32>,
+    first: isize,
+    border: Border,
+    column: usize,
+}
+
+impl Rows for ImageRows<'_> {
+    #[inline(always)]
+    fn row(&self, k: usize) -> &[f32] {
+        let y = self.border.index(self.first + k.cast_signed(), self.plane.height());
+        &self.plane.row(y)[self.column..]
+    }
+}
+
+/// Rows of one of the averages, from the oldest in the ring on.
+struct RingRows<'a> {
+    ring: &'a [f32],
+    index: usize,
+    kept: usize,
+    oldest: usize,
+}
+
+impl Rows for RingRows<'_> {
+    #[inline(always)]
+    fn row(&self, k: usize) -> &[f32] {
+        let slot = self.oldest + k;
+        let slot = if slot >= self.kept { slot - self.kept } else { slot };
+        &self.ring[(3 * slot + self.index) * PITCH..]
     }
 }
 
@@ -218,7 +252,7 @@ struct Slopes<'a> {
 }
 
 impl Slopes<'_> {
-    /// Writes, or adds, their weighted products to three rows that lie `stride` apart.
+    /// Writes, or adds, the weighted products of `count` slopes to three rows that lie `stride` apart.
     #[inline(always)]
     fn multiply<S: Simd>(
         &self,
@@ -232,26 +266,48 @@ impl Slopes<'_> {
         let Self { x: (along, smoothed), y: (smooth, differentiated) } = self;
         let (xx, rest) = products.split_at_mut(stride);
         let (yy, xy) = rest.split_at_mut(stride);
+        let whole = count.next_multiple_of(S::F32_LANES);
+        let (xx, yy, xy) = (&mut xx[..whole], &mut yy[..whole], &mut xy[..whole]);
         let weight = Lanes::splat(simd, weight);
-        for x in (0..count).step_by(S::F32_LANES) {
-            let (mut slope_x, mut slope_y) = (Lanes::splat(simd, 0.0), Lanes::splat(simd, 0.0));
-            for (k, &tap) in along.taps().iter().enumerate() {
-                slope_x =
-                    Lanes::splat(simd, tap).mul_add(Lanes::load(simd, smoothed, x + k), slope_x);
-            }
-            for (k, &tap) in smooth.taps().iter().enumerate() {
-                slope_y = Lanes::splat(simd, tap)
-                    .mul_add(Lanes::load(simd, differentiated, x + k), slope_y);
-            }
+        for x in (0..whole).step_by(S::F32_LANES) {
+            // Whose loops are short are unrolled.
+            let slope_x = match along.taps() {
+                &[a, b, c] => weighed(simd, [a, b, c], smoothed, x),
+                taps => weighed_by_any(simd, taps, smoothed, x),
+            };
+            let slope_y = match smooth.taps() {
+                [_] => Lanes::load(simd, differentiated, x),
+                &[a, b, c] => weighed(simd, [a, b, c], differentiated, x),
+                taps => weighed_by_any(simd, taps, differentiated, x),
+            };
             let (weighted_x, weighted_y) = (weight * slope_x, weight * slope_y);
-            for (row, product) in [&mut *xx, &mut *yy, &mut *xy].into_iter().zip([
-                weighted_x * slope_x,
-                weighted_y * slope_y,
-                weighted_x * slope_y,
-            ]) {
-                let before = if add { Lanes::load(simd, row, x) } else { Lanes::splat(simd, 0.0) };
-                (before + product).store(row, x);
+            let (mut a, mut b, mut c) =
+                (weighted_x * slope_x, weighted_y * slope_y, weighted_x * slope_y);
+            if add {
+                a = a + Lanes::load(simd, xx, x);
+                b = b + Lanes::load(simd, yy, x);
+                c = c + Lanes::load(simd, xy, x);
             }
+            a.store(xx, x);
+            b.store(yy, x);
+            c.store(xy, x);
         }
     }
+}
+
+#[inline(always)]
+fn weighed<S: Simd>(simd: S, taps: [f32; 3], row: &[f32], x: usize) -> Lanes<S> {
+    let [a, b, c] = taps;
+    let sum = Lanes::splat(simd, a) * Lanes::load(simd, row, x);
+    let sum = Lanes::splat(simd, b).mul_add(Lanes::load(simd, row, x + 1), sum);
+    Lanes::splat(simd, c).mul_add(Lanes::load(simd, row, x + 2), sum)
+}
+
+#[inline(always)]
+fn weighed_by_any<S: Simd>(simd: S, taps: &[f32], row: &[f32], x: usize) -> Lanes<S> {
+    let mut sum = Lanes::splat(simd, 0.0);
+    for (k, &tap) in taps.iter().enumerate() {
+        sum = Lanes::splat(simd, tap).mul_add(Lanes::load(simd, row, x + k), sum);
+    }
+    sum
 }
