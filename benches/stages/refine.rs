@@ -22,7 +22,7 @@ pub fn define(c: &mut Criterion) {
                 (corner(n) + 1.5 * cos).round(),
                 (corner(n / COUNT) + 1.5 * sin).round(),
             );
-            Detection { point, response: 1.0 }
+            Detection::new(point, 1.0)
         })
         .collect();
 
