@@ -8,6 +8,7 @@ use pulp::Simd;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::image::View;
 use crate::vector::{Lanes, Real};
 
 /// Weights of a sample and its neighbours on both sides, in one direction.
@@ -24,6 +25,27 @@ pub struct Kernel {
 pub trait Rows {
     /// The row that tap `k` weighs; it may be longer than needed.
     fn row(&self, k: usize) -> &[f32];
+}
+
+/// Rows of an image from `first` on, which may lie beyond its border, and columns from `column` on.
+#[derive(Clone, Copy, Debug)]
+pub struct ImageRows<'a> {
+    /// The image.
+    pub image: View<'a, f32>,
+    /// The row that the first tap weighs.
+    pub first: isize,
+    /// The first column.
+    pub column: usize,
+    /// How the image continues.
+    pub border: Border,
+}
+
+impl Rows for ImageRows<'_> {
+    #[inline(always)]
+    fn row(&self, k: usize) -> &[f32] {
+        let y = self.border.index(self.first + k.cast_signed(), self.image.height());
+        &self.image.row(y)[self.column..]
+    }
 }
 
 /// How an image continues beyond its border.

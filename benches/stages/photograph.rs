@@ -33,6 +33,7 @@ pub fn photograph() -> Exposure {
         [channel(90, 240.0, 180.0), channel(95, 60.0, 10.0), channel(80, 55.0, 12.0)],
         Encoding { bit_depth: 8, transfer: Transfer::Srgb, black_dn: 0.0 },
     )
+    .expect("finite")
 }
 
 /// Times a copy of one plane of the photograph, as `<stage>/copy/512x512`: the scale to read the

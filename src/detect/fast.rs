@@ -4,8 +4,9 @@
 //! # Method      Sixteen pixels lie on a circle of radius 3 about p. Score S(p): the largest s such
 //!               that `arc_px` of them next to each other are all brighter than p by s or more, or all
 //!               darker. Corners: S > threshold and S larger than any other in the square about p.
-//! # Input       luma as encoded [DN].
-//! # Parameters  arc_px         none, 9       range [9, 12]: 9 and 12 are customary
+//! # Input       the channel as encoded [DN].
+//! # Parameters  channel        none, luma    luma, red, red_difference
+//!               arc_px         none, 9       range [9, 12]: 9 and 12 are customary
 //!               those of peaks (peaks.rs: thresholds in DN, by default 20 and 0 of the strongest;
 //!               the strongest so many; suppression radius, by default 1 px; margin around a region)
 //! # Output      whole pixels, strongest first, equals by row, then column; response S in DN.
@@ -25,6 +26,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::detect::peaks::{Equals, Response, ResponseMemory, detect_peaks};
+use crate::detect::tensor::Shade;
 use crate::detect::{Detection, Detector, Peaks, Scratch};
 use crate::image::{PixelRange, Plane, View};
 use crate::registry::{Entry, defaults, parameters, schema};
@@ -46,6 +48,8 @@ pub const ENTRY: Entry<dyn Detector> = Entry {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct Fast {
+    /// What is looked at.
+    pub channel: Shade,
     /// How many of the circle's sixteen pixels.
     #[schemars(range(min = 9, max = 12))]
     pub arc_px: u32,
@@ -58,7 +62,7 @@ impl Default for Fast {
     fn default() -> Self {
         let peaks =
             Peaks { threshold_rel: 0.0, threshold: 20.0, nms_radius_px: 1, ..Peaks::default() };
-        Self { arc_px: 9, peaks }
+        Self { channel: Shade::Luma, arc_px: 9, peaks }
     }
 }
 
@@ -167,7 +171,7 @@ impl Response for Fast {
         _: &mut ResponseMemory,
         response: &mut Plane<f32>,
     ) {
-        self.score(exposure.luma().view().crop(range), response);
+        self.score(self.channel.plane(exposure).view().crop(range), response);
     }
 }
 

@@ -132,8 +132,9 @@ fn half_widths(distance_px: f64, disc: &mut Vec<usize>) {
         return;
     }
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "1 to 1000")]
-    let mut half = distance_px.ceil() as usize;
-    for dy in 0..=half {
+    let reach = distance_px.ceil() as usize;
+    let mut half = reach;
+    for dy in 0..=reach {
         while half > 0 && (half * half + dy * dy) as f64 >= distance_px * distance_px {
             half -= 1;
         }

@@ -8,14 +8,20 @@ use crate::target::TargetRegion;
 
 pub use peaks::{Peaks, Scratch};
 
+pub mod chess;
+pub mod deriche_giraudon;
 pub mod fast;
 pub mod foerstner;
 pub mod good_features;
 pub mod harris;
+pub mod hessian_determinant;
+pub mod jet;
+pub mod kitchen_rosenfeld;
 pub mod noble;
 pub mod peaks;
 pub mod rohr;
 pub mod shi_tomasi;
+pub mod susan;
 pub mod tensor;
 
 /// A corner candidate.
@@ -59,11 +65,16 @@ pub trait Detector: Send + Sync {
 
 /// Every detector that a plan can name, in alphabetical order.
 pub const DETECTORS: &[Entry<dyn Detector>] = &[
+    chess::ENTRY,
+    deriche_giraudon::ENTRY,
     fast::ENTRY,
     foerstner::ENTRY,
     good_features::ENTRY,
     harris::ENTRY,
+    hessian_determinant::ENTRY,
+    kitchen_rosenfeld::ENTRY,
     noble::ENTRY,
     rohr::ENTRY,
     shi_tomasi::ENTRY,
+    susan::ENTRY,
 ];

@@ -430,12 +430,12 @@ impl SearchArea {
         Self { range: PixelRange { x0, y0, x1, y1 }, quadrilateral }
     }
 
-    /// Whether the sample at (x, y), which lies in the range, may become a candidate.
-    fn contains(&self, x: usize, y: usize) -> bool {
+    /// Whether the place (x, y), which lies in the range, may become a candidate.
+    pub(super) fn contains(&self, x: f64, y: f64) -> bool {
         let Some(corners) = &self.quadrilateral else { return true };
         (0..4).all(|i| {
             let (from, to) = (corners[i], corners[(i + 1) % 4]);
-            (to.x - from.x) * (y as f64 - from.y) - (to.y - from.y) * (x as f64 - from.x) >= 0.0
+            (to.x - from.x) * (y - from.y) - (to.y - from.y) * (x - from.x) >= 0.0
         })
     }
 
@@ -444,8 +444,8 @@ impl SearchArea {
         let PixelRange { x0, y0, x1, y1 } = self.range;
         (y0..y1).filter_map(move |y| {
             // Convex, so that all columns between two inside are inside.
-            let first = (x0..x1).find(|&x| self.contains(x, y))?;
-            let last = (x0..x1).rfind(|&x| self.contains(x, y))?;
+            let first = (x0..x1).find(|&x| self.contains(x as f64, y as f64))?;
+            let last = (x0..x1).rfind(|&x| self.contains(x as f64, y as f64))?;
             Some((y, first..last + 1))
         })
     }

@@ -75,6 +75,30 @@ pub enum Channel {
     Colour,
 }
 
+/// What of an exposure is looked at, where it must be one number per pixel.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Shade {
+    /// The luma.
+    #[default]
+    Luma,
+    /// Red alone.
+    Red,
+    /// Red less the mean of green and blue: how saturated a red is.
+    RedDifference,
+}
+
+impl Shade {
+    /// Its plane \[DN\].
+    pub fn plane(self, exposure: &Exposure) -> &Plane<f32> {
+        match self {
+            Self::Luma => exposure.luma(),
+            Self::Red => &exposure.rgb()[0],
+            Self::RedDifference => exposure.red_difference(),
+        }
+    }
+}
+
 /// What the products of slopes are averaged over.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
@@ -305,7 +329,7 @@ impl<M: Measure> Response for Measured<'_, M> {
 
 impl Channel {
     /// The planes that are differentiated, and their tensors' weights.
-    fn planes(self, exposure: &Exposure) -> [Option<(&Plane<f32>, f32)>; 3] {
+    pub(super) fn planes(self, exposure: &Exposure) -> [Option<(&Plane<f32>, f32)>; 3] {
         let [red, green, blue] = exposure.rgb();
         let alone = |plane| [Some((plane, 1.0)), None, None];
         match self {

@@ -304,7 +304,8 @@ mod tests {
         let rgb =
             [red, 20.0, 20.0].map(|dn| mask.map(|of_target| if of_target { dn } else { 120.0 }));
         let exposure =
-            Exposure::new(rgb, Encoding { bit_depth: 8, transfer: Transfer::Srgb, black_dn: 0.0 });
+            Exposure::new(rgb, Encoding { bit_depth: 8, transfer: Transfer::Srgb, black_dn: 0.0 })
+                .expect("finite");
         let quadrilateral =
             [[12.0, 16.0], [43.0, 16.0], [43.0, 51.0], [12.0, 51.0]].map(ImagePoint::from);
         (exposure, TargetRegion { mask, range, quadrilateral, pixels: 32 * 36 })
@@ -340,7 +341,7 @@ mod tests {
             plane
         });
         (30..40).for_each(|y| region.mask.row_mut(y)[20..30].fill(false));
-        let exposure = Exposure::new(rgb, whole.encoding());
+        let exposure = Exposure::new(rgb, whole.encoding()).expect("finite");
         let found = corners(&[[12.0, 16.0], [43.0, 16.0], [43.0, 51.0], [12.0, 51.0]]);
         let select = |max_gap_fraction| {
             let selector = LeastOccluded { max_gap_fraction, ..LeastOccluded::default() };

@@ -277,7 +277,7 @@ mod tests {
     fn grey(width: usize, height: usize, value: impl FnMut(usize, usize) -> f32) -> Exposure {
         let plane = Plane::from_fn(width, height, value);
         let encoding = Encoding { bit_depth: 8, transfer: Transfer::Srgb, black_dn: 0.0 };
-        Exposure::new([plane.clone(), plane.clone(), plane], encoding)
+        Exposure::new([plane.clone(), plane.clone(), plane], encoding).expect("finite")
     }
 
     /// A chessboard's corner between the pixels 9 and 10, both ways.

@@ -61,7 +61,8 @@ mod tests {
     fn a_seed_is_returned_as_it_is() {
         let plane = Plane::filled(4, 4, 0.0);
         let encoding = Encoding { bit_depth: 8, transfer: Transfer::Srgb, black_dn: 0.0 };
-        let exposure = Exposure::new([plane.clone(), plane.clone(), plane], encoding);
+        let exposure =
+            Exposure::new([plane.clone(), plane.clone(), plane], encoding).expect("finite");
         let seed = Detection::new(ImagePoint::new(2.0, 1.0), 7.0);
         let corners = Unrefined::default().refine(&exposure, &[seed]);
         assert_eq!(corners, [Corner::at_seed(seed, 0, RefineStatus::Ok)]);

@@ -2,6 +2,7 @@
 
 use std::sync::OnceLock;
 
+use crate::error::{Error, Result};
 use crate::geometry::{Camera, Pose};
 use crate::image::Plane;
 use crate::sensor::{Sensor, Transfer};
@@ -50,11 +51,30 @@ impl Exposure {
     /// An exposure of three equally large planes of digital numbers. Where one of them is at full
     /// scale the pixel is saturated.
     ///
-    /// # Panics
-    /// When the planes differ in size: a mistake of the caller's code.
-    pub fn new(rgb: [Plane<f32>; 3], encoding: Encoding) -> Self {
-        let size = |plane: &Plane<f32>| (plane.width(), plane.height());
-        assert!(size(&rgb[0]) == size(&rgb[1]) && size(&rgb[0]) == size(&rgb[2]));
+    /// # Errors
+    /// When the planes differ in size, or a sample is not finite: no algorithm ever sees one that is not.
+    pub fn new(rgb: [Plane<f32>; 3], encoding: Encoding) -> Result<Self> {
+        let [(width, height), others @ ..] =
+            rgb.each_ref().map(|plane| (plane.width(), plane.height()));
+        if let Some(other) = others.iter().find(|other| **other != (width, height)) {
+            return Err(Error::Other(format!(
+                "an exposure's planes must be of one size, found {width} x {height} and {} x {} px",
+                other.0, other.1
+            )));
+        }
+        for (name, plane) in ["red", "green", "blue"].iter().zip(&rgb) {
+            if let Some(at) = plane.samples().iter().position(|sample| !sample.is_finite()) {
+                let place =
+                    format!("an exposure's {name} sample at ({}, {})", at % width, at / width);
+                let found = plane.samples()[at];
+                return Err(Error::Other(format!("{place} is {found}, must be a finite number")));
+            }
+        }
+        Ok(Self::of_finite(rgb, encoding))
+    }
+
+    /// An exposure of three equally large planes of finite samples.
+    pub(super) fn of_finite(rgb: [Plane<f32>; 3], encoding: Encoding) -> Self {
         #[allow(clippy::cast_possible_truncation, reason = "at most 65535")]
         let full = encoding.full_scale_dn() as f32;
         let [red, green, blue] = rgb.each_ref().map(Plane::samples);
@@ -97,7 +117,7 @@ impl Exposure {
             )
         };
         let encoding = Encoding { bit_depth: 8, transfer: Transfer::Srgb, black_dn: 0.0 };
-        Self::new([channel(0), channel(1), channel(2)], encoding)
+        Self::of_finite([channel(0), channel(1), channel(2)], encoding)
     }
 
     /// The samples as 8-bit numbers, full scale 255.

@@ -448,7 +448,7 @@ impl Photographer {
 /// Three planes of 8-bit samples, written as a JPEG file and read again.
 fn through_jpeg(rgb: [Plane<f32>; 3], quality: u8) -> [Plane<f32>; 3] {
     let encoding = Encoding { bit_depth: 8, transfer: super::Transfer::Srgb, black_dn: 0.0 };
-    let picture = Exposure::new(rgb.clone(), encoding).to_picture();
+    let picture = Exposure::of_finite(rgb.clone(), encoding).to_picture();
     let mut file = Vec::new();
     let encoder = image::codecs::jpeg::JpegEncoder::new_with_quality(&mut file, quality);
     let read = picture

@@ -97,6 +97,7 @@ mod tests {
             rgb.map(channel),
             Encoding { bit_depth, transfer: Transfer::Srgb, black_dn: 0.0 },
         )
+        .expect("finite")
     }
 
     fn extract(exposure: &Exposure) -> Result<TargetRegion, NoTarget> {

@@ -10,6 +10,7 @@ use cornerbench::sensor::{Encoding, Exposure, Transfer};
 /// An 8-bit exposure of three planes.
 pub fn colour(rgb: [Plane<f32>; 3]) -> Exposure {
     Exposure::new(rgb, Encoding { bit_depth: 8, transfer: Transfer::Srgb, black_dn: 0.0 })
+        .expect("finite")
 }
 
 /// An 8-bit exposure that shows `plane` in grey; its luma is `plane`.

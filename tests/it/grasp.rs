@@ -346,7 +346,11 @@ fn paint(
             }
         }
     }
-    (Exposure::new(rgb, Encoding { bit_depth: 8, transfer: Transfer::Srgb, black_dn: 0.0 }), seen)
+    (
+        Exposure::new(rgb, Encoding { bit_depth: 8, transfer: Transfer::Srgb, black_dn: 0.0 })
+            .expect("finite"),
+        seen,
+    )
 }
 
 /// What a detector and a refiner would find, in random order: visible vertices, up to 1.5 px too
@@ -599,7 +603,8 @@ fn two_faces(occluders: &[Shape]) -> (Exposure, TargetRegion) {
         Plane::from_fn(128, 128, |x, y| colour(ImagePoint::new(x as f64, y as f64))[c] as f32)
     });
     let exposure =
-        Exposure::new(rgb, Encoding { bit_depth: 8, transfer: Transfer::Srgb, black_dn: 0.0 });
+        Exposure::new(rgb, Encoding { bit_depth: 8, transfer: Transfer::Srgb, black_dn: 0.0 })
+            .expect("finite");
     let region = red_region(&exposure).expect("red");
     (exposure, region)
 }
@@ -660,7 +665,8 @@ fn degenerate_corners_are_declined() {
 fn the_smallest_image_is_declined() {
     let rgb = [200.0, 20.0, 20.0].map(|dn| Plane::filled(1, 1, dn));
     let exposure =
-        Exposure::new(rgb, Encoding { bit_depth: 8, transfer: Transfer::Srgb, black_dn: 0.0 });
+        Exposure::new(rgb, Encoding { bit_depth: 8, transfer: Transfer::Srgb, black_dn: 0.0 })
+            .expect("finite");
     let region = red_region(&exposure).expect("one pixel");
     assert_eq!(select(&(exposure, region), &[[0.0, 0.0]; 5]), Err(NoFace::TooFewCorners));
 }

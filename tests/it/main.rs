@@ -4,6 +4,7 @@ mod camera;
 mod cli;
 mod contract;
 mod dataset;
+mod detectors;
 mod docs;
 mod drawn;
 mod export;

@@ -5,7 +5,7 @@ use std::ops::Range;
 use pulp::Simd;
 
 use super::{Measure, TensorKernels};
-use crate::filter::{Border, Kernel, Rows, grown, inside};
+use crate::filter::{ImageRows, Kernel, Rows, grown, inside};
 use crate::image::{PixelRange, View};
 use crate::vector::{Lanes, Real};
 
@@ -164,7 +164,7 @@ impl<'a> Tile<'a> {
         for (index, (plane, weight)) in self.planes.iter().enumerate() {
             for (kernel, out) in [(smooth, &mut *smoothed), (along, &mut *differentiated)] {
                 let image = ImageRows {
-                    plane: *plane,
+                    image: *plane,
                     first: y - kernel.radius().cast_signed(),
                     border: *border,
                     column: have_across.start.unsigned_abs(),
@@ -209,22 +209,6 @@ impl<'a> Tile<'a> {
         let (a, rest) = self.tensor.split_at(PITCH);
         let (b, c) = rest.split_at(PITCH);
         [a, b, c]
-    }
-}
-
-/// Rows of an image from `first` on, which may lie beyond its border.
-struct ImageRows<'a> {
-    plane: View<'a, f32>,
-    first: isize,
-    border: Border,
-    column: usize,
-}
-
-impl Rows for ImageRows<'_> {
-    #[inline(always)]
-    fn row(&self, k: usize) -> &[f32] {
-        let y = self.border.index(self.first + k.cast_signed(), self.plane.height());
-        &self.plane.row(y)[self.column..]
     }
 }
 
