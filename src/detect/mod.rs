@@ -6,14 +6,22 @@ use crate::registry::Entry;
 use crate::sensor::Exposure;
 use crate::target::TargetRegion;
 
+pub use contours::EdgeChannel;
 pub use peaks::{Peaks, Scratch};
+pub use places::Places;
 
+pub mod contour_curvature;
+mod contours;
 pub mod fast;
 pub mod foerstner;
 pub mod good_features;
 pub mod harris;
+mod line;
+pub mod line_junctions;
 pub mod noble;
 pub mod peaks;
+mod places;
+pub mod red_polygon;
 pub mod rohr;
 pub mod shi_tomasi;
 pub mod tensor;
@@ -59,11 +67,14 @@ pub trait Detector: Send + Sync {
 
 /// Every detector that a plan can name, in alphabetical order.
 pub const DETECTORS: &[Entry<dyn Detector>] = &[
+    contour_curvature::ENTRY,
     fast::ENTRY,
     foerstner::ENTRY,
     good_features::ENTRY,
     harris::ENTRY,
+    line_junctions::ENTRY,
     noble::ENTRY,
+    red_polygon::ENTRY,
     rohr::ENTRY,
     shi_tomasi::ENTRY,
 ];
