@@ -236,6 +236,7 @@ impl ContourCurvature {
                         let points = contour.points.iter().enumerate();
                         points.filter(move |(i, _)| afar(other, *i)).map(|(_, point)| point)
                     })
+                    .filter(|point| (point.point.x - from.point.x).abs() <= self.gap_px)
                     .map(|point| (point.point.distance_px(from.point), point))
                     .min_by(|a, b| a.0.total_cmp(&b.0))
                     .filter(|(distance, _)| *distance <= self.gap_px);
@@ -275,7 +276,11 @@ fn joined(contours: Vec<Contour>, gap_px: f64) -> Vec<Contour> {
     let mut gaps = Vec::new();
     for a in 0..2 * open.len() {
         for b in a + 1..2 * open.len() {
-            let distance = end(a).distance_px(end(b));
+            let (from, to) = (end(a), end(b));
+            if (from.x - to.x).abs() > gap_px || (from.y - to.y).abs() > gap_px {
+                continue;
+            }
+            let distance = from.distance_px(to);
             // A contour shorter than a few gaps is not closed by one.
             let own = a / 2 == b / 2;
             if distance <= gap_px && (!own || open[a / 2].points.len() as f64 > 4.0 * gap_px) {

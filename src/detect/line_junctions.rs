@@ -18,8 +18,8 @@
 //! # Input       the channel as encoded [DN].
 //! # Parameters  channel          none, luma     luma, red, red_difference
 //!               sigma            px, 1          range [0.5, 8]: Gaussian before the gradient
-//!               least_steepness  DN/px, 5.2     range [0, 255]: of 8 bit; quantisation alone turns
-//!                                               steeper gradients by less than 22.5 deg
+//!               least_steepness  DN/px, 3.5     range [0, 255]: of 8 bit; that of a step of 10 DN, about
+//!                                               LSD's weakest
 //!               fit_error_px     px, 0.5        range [0.05, 4]
 //!               gap_px           px, 5          range [0, 64]
 //!               least_angle_deg  deg, 15        range [1, 90]: edges that leave nearer to each other are one
@@ -109,7 +109,7 @@ impl Default for LineJunctions {
         Self {
             channel: EdgeChannel::Luma,
             sigma: 1.0,
-            least_steepness: 5.2,
+            least_steepness: 3.5,
             fit_error_px: 0.5,
             gap_px: 5.0,
             least_angle_deg: 15.0,
@@ -462,7 +462,7 @@ mod tests {
         assert_eq!(kind(&[10.0, 100.0]), "L");
         assert_eq!(kind(&[10.0, -175.0]), "none");
         assert_eq!(kind(&[0.0, 120.0, -120.0]), "Y");
-        assert_eq!(kind(&[170.0, -170.0, 20.0]), "Y");
+        assert_eq!(kind(&[150.0, -120.0, 20.0]), "Y");
         assert_eq!(kind(&[160.0, -160.0, 130.0]), "arrow");
         assert_eq!(kind(&[0.0, 60.0, -175.0]), "T");
         assert_eq!(kind(&[0.0, 80.0, 178.0, -97.0]), "X");
