@@ -444,7 +444,7 @@ fn angle(curve: &[[f64; 2]], corner: usize, arms: [(usize, usize); 2]) -> f64 {
         let at = |k: usize| curve[(corner + k * stride) % count];
         // All the way round the arm's last point is its first: two thirds of it do.
         let [middle, end] =
-            if steps == count { [steps / 3, 2 * steps / 3] } else { [steps / 2, steps] };
+            if steps == count { [steps / 3, 2 * steps / 3] } else { [(steps / 2).max(1), steps] };
         tangent(at(0), at(middle), at(end))
     });
     let turn = (back - forth).rem_euclid(2.0 * PI);
@@ -454,7 +454,7 @@ fn angle(curve: &[[f64; 2]], corner: usize, arms: [(usize, usize); 2]) -> f64 {
 /// The direction of the circle through three points at the first, towards the second.
 fn tangent(first: [f64; 2], second: [f64; 2], third: [f64; 2]) -> f64 {
     let towards = |a: [f64; 2], b: [f64; 2]| [b[0] - a[0], b[1] - a[1]];
-    let [x, y] = towards(first, if second == first { third } else { second });
+    let [x, y] = towards(first, second);
     // The tangent and the chord make the angle that the chord is seen at from the third point.
     let (a, b) = (towards(third, first), towards(third, second));
     let seen = (a[0] * b[1] - a[1] * b[0]).atan2(a[0] * b[0] + a[1] * b[1]);

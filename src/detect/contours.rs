@@ -174,7 +174,7 @@ impl Rows for Around<'_> {
     }
 }
 
-/// Slopes of a plane [DN/px]; 0 at its edges.
+/// Slopes of a plane \[DN/px\]; 0 at its edges.
 struct Gradient {
     slopes: Plane<[f32; 2]>,
     steepness: Plane<f32>,
@@ -230,7 +230,7 @@ impl Gradient {
                     |a: f32, b: f32| f64::from(a) + offset.abs() * (f64::from(b) - f64::from(a));
                 let [dx, dy] = [between(dx, other_dx), between(dy, other_dy)];
                 let length = dx.hypot(dy);
-                if length <= 0.0 {
+                if length <= 0.0 || !steepness.is_finite() {
                     continue;
                 }
                 let [x_offset, y_offset] = if across { [0.0, offset] } else { [offset, 0.0] };

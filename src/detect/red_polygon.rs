@@ -113,6 +113,9 @@ impl Detector for RedPolygon {
         found: &mut Vec<Detection>,
     ) {
         found.clear();
+        if self.places.window(exposure, region, 0).is_none() {
+            return;
+        }
         let mask = match region {
             Some(region) => largest_region(&region.mask),
             None => RedDifference::default().extract(exposure).ok().map(|region| region.mask),
@@ -132,13 +135,9 @@ impl Detector for RedPolygon {
             let before = &sides[(i + sides.len() - 1) % sides.len()];
             let vertex = outline[vertices[i]];
             let sine = before.line.sine(&side.line).abs();
-            let crossing = if before.edgels < FEWEST || side.edgels < FEWEST {
-                None
-            } else if sine < self.least_angle_deg.to_radians().sin() {
-                None
-            } else {
-                before.line.intersection(&side.line)
-            };
+            let meet = before.edgels.min(side.edgels) >= FEWEST
+                && sine >= self.least_angle_deg.to_radians().sin();
+            let crossing = before.line.intersection(&side.line).filter(|_| meet);
             let corner = crossing
                 .filter(|point| point.distance_px(vertex) <= self.farthest_px)
                 .unwrap_or(vertex);
