@@ -139,11 +139,12 @@ pub struct Segment {
 }
 
 impl Segment {
-    /// The end's direction into the segment, and the segment's far end.
+    /// The direction from end 0 or 1 into the segment.
     fn inwards(&self, end: usize) -> [f64; 2] {
         self.line.direction.map(|d| if end == 0 { d } else { -d })
     }
 
+    /// Length times steepness \[DN\].
     fn support(&self) -> f64 {
         self.ends[0].distance_px(self.ends[1]) * self.steepness
     }
@@ -188,13 +189,10 @@ impl LineJunctions {
                 pieces = self.pieces(&points, fewest);
             }
             let segments = pieces.into_iter().map(|piece| self.segment(&points[piece]));
-            found.extend(
-                segments
-                    .filter(|(_, aligned, count)| {
-                        ln_binomial_tail(*count, *aligned, CHANCE) + tests <= 0.0
-                    })
-                    .map(|(segment, ..)| segment),
-            );
+            let is_meaningful = |(segment, aligned): &(Segment, usize)| {
+                ln_binomial_tail(segment.points, *aligned, CHANCE) + tests <= 0.0
+            };
+            found.extend(segments.filter(is_meaningful).map(|(segment, _)| segment));
         }
         found
     }
@@ -225,8 +223,8 @@ impl LineJunctions {
         found
     }
 
-    /// The segment of a straight piece, how many of its points are aligned, and how many there are.
-    fn segment(&self, points: &[EdgePoint]) -> (Segment, usize, usize) {
+    /// The segment of a straight piece, and how many of its points are aligned.
+    fn segment(&self, points: &[EdgePoint]) -> (Segment, usize) {
         let count = points.len();
         // Blur rounds the ends, where there is a corner.
         #[allow(
@@ -247,11 +245,8 @@ impl LineJunctions {
         };
         let steepness = straight.iter().map(|p| p.steepness).sum::<f64>() / straight.len() as f64;
         let ends = [first, last].map(|point| line.at(line.along(point)));
-        (
-            Segment { ends, steepness, points: count, line },
-            points.iter().filter(aligned).count(),
-            count,
-        )
+        let segment = Segment { ends, steepness, points: count, line };
+        (segment, points.iter().filter(aligned).count())
     }
 }
 

@@ -118,6 +118,16 @@ fn red_polygon_s_corners_are_weaker_the_less_contrast_a_side_has_and_the_blunter
 }
 
 #[test]
+fn red_polygon_finds_the_ends_of_a_short_side() {
+    // A square, one corner of which is cut off by 7 px.
+    let vertices = [[20.3, 15.2], [60.1, 15.9], [65.2, 20.8], [64.6, 58.9], [19.8, 58.3]];
+    let found = RedPolygon::default().detect(&red_polygon([90, 76], &vertices), None);
+    assert_eq!(found.len(), 5, "{found:?}");
+    let worst = worst_px(&found, &vertices);
+    assert!(worst < 0.5, "{worst} px");
+}
+
+#[test]
 fn red_polygon_finds_no_corner_at_the_image_s_border() {
     // A triangle whose base lies below the image.
     let exposure = red_polygon([80, 60], &[[40.0, 10.0], [75.0, 90.0], [5.0, 90.0]]);
