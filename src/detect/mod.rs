@@ -7,8 +7,12 @@ use crate::sensor::Exposure;
 use crate::target::TargetRegion;
 
 pub use peaks::{Peaks, Scratch};
+pub use places::Places;
+pub use tensor::Shade;
 
 pub mod chess;
+pub mod contour_curvature;
+mod contours;
 pub mod deriche_giraudon;
 pub mod fast;
 pub mod foerstner;
@@ -17,8 +21,12 @@ pub mod harris;
 pub mod hessian_determinant;
 pub mod jet;
 pub mod kitchen_rosenfeld;
+mod line;
+pub mod line_junctions;
 pub mod noble;
 pub mod peaks;
+mod places;
+pub mod red_polygon;
 pub mod rohr;
 pub mod shi_tomasi;
 pub mod susan;
@@ -66,6 +74,7 @@ pub trait Detector: Send + Sync {
 /// Every detector that a plan can name, in alphabetical order.
 pub const DETECTORS: &[Entry<dyn Detector>] = &[
     chess::ENTRY,
+    contour_curvature::ENTRY,
     deriche_giraudon::ENTRY,
     fast::ENTRY,
     foerstner::ENTRY,
@@ -73,7 +82,9 @@ pub const DETECTORS: &[Entry<dyn Detector>] = &[
     harris::ENTRY,
     hessian_determinant::ENTRY,
     kitchen_rosenfeld::ENTRY,
+    line_junctions::ENTRY,
     noble::ENTRY,
+    red_polygon::ENTRY,
     rohr::ENTRY,
     shi_tomasi::ENTRY,
     susan::ENTRY,

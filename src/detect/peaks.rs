@@ -392,6 +392,14 @@ impl MaximaOfRow<'_> {
     }
 }
 
+/// Whether a convex quadrilateral, its corners clockwise as seen, holds the point.
+pub(super) fn holds(corners: &[ImagePoint; 4], point: ImagePoint) -> bool {
+    (0..4).all(|i| {
+        let (from, to) = (corners[i], corners[(i + 1) % 4]);
+        (to.x - from.x) * (point.y - from.y) - (to.y - from.y) * (point.x - from.x) >= 0.0
+    })
+}
+
 /// The samples that may become candidates.
 pub(super) struct SearchArea {
     /// Holds all of them.
@@ -433,10 +441,7 @@ impl SearchArea {
     /// Whether the place (x, y), which lies in the range, may become a candidate.
     pub(super) fn contains(&self, x: f64, y: f64) -> bool {
         let Some(corners) = &self.quadrilateral else { return true };
-        (0..4).all(|i| {
-            let (from, to) = (corners[i], corners[(i + 1) % 4]);
-            (to.x - from.x) * (y - from.y) - (to.y - from.y) * (x - from.x) >= 0.0
-        })
+        holds(corners, ImagePoint::new(x, y))
     }
 
     /// The area's rows, from the top: each one's number and columns.

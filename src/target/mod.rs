@@ -119,7 +119,7 @@ pub const EXTRACTORS: &[Entry<dyn TargetExtractor>] = &[red_difference::ENTRY];
 
 /// The largest 8-connected region of a mask, of equals the one met first row by row; `None` when
 /// the mask is empty.
-fn largest_region(mask: &Plane<bool>) -> Option<Plane<bool>> {
+pub(crate) fn largest_region(mask: &Plane<bool>) -> Option<Plane<bool>> {
     let (runs, regions) = connected_runs(mask);
     let mut pixels = vec![0; runs.len()];
     for (run, &region) in runs.iter().zip(&regions) {

@@ -10,6 +10,7 @@ mod drawn;
 mod export;
 mod grasp;
 mod layers;
+mod lines;
 mod opencv;
 mod oracle;
 mod python;
