@@ -38,6 +38,8 @@
 //!               squares are of distances, not along one axis; the error of a first fit is the largest
 //!               distance. Alignment is counted at the contour's points, with the gradient of the smoothed
 //!               image. A closed contour begins where one of its segments ends.
+//!               Segments grow with the brighter side to the right: in a mirror from the other end, so that
+//!               places differ by up to some hundredths of a pixel.
 //! # Source      Segments: Akinlar & Topal, Pattern Recognition Letters 32(13), 2011, sections 2.2, 2.3;
 //!               validation: Desolneux, Moisan & Morel, International Journal of Computer Vision 40(1),
 //!               2000. Junctions by their ends are practice.
