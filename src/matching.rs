@@ -70,6 +70,67 @@ pub fn assign(truth: &[ImagePoint], answers: &[ImagePoint], gate_px: f64) -> Ass
     assignment
 }
 
+/// For each truth point the answer with which it is first matched when answers are added one by one, in
+/// their order, and each time as many truth points as possible are matched to answers of their own within
+/// the gate; `None` where it never is.
+///
+/// A point that is matched once stays matched, to another answer perhaps. So of the first n answers
+/// exactly those points are matched whose answer is among them, and they are as many as [`assign`]
+/// would match: answers in descending order of their responses sweep a threshold in one pass. (Kuhn's
+/// augmenting paths, 1955, The Hungarian method for the assignment problem.)
+pub fn first_matched(
+    truth: &[ImagePoint],
+    answers: &[ImagePoint],
+    gate_px: f64,
+) -> Vec<Option<usize>> {
+    let near: Vec<Vec<usize>> = answers.iter().map(|a| within(truth, *a, gate_px)).collect();
+    let mut matching = Matching { near: &near, answer_of_truth: vec![None; truth.len()] };
+    let mut first = vec![None; truth.len()];
+    for answer in 0..answers.len() {
+        if let Some(added) = matching.add(answer, &mut vec![false; truth.len()]) {
+            first[added] = Some(answer);
+        }
+    }
+    first
+}
+
+/// The points within the gate of another one, the nearest first.
+fn within(points: &[ImagePoint], centre: ImagePoint, gate_px: f64) -> Vec<usize> {
+    let distance_px = |index: &usize| points[*index].distance_px(centre);
+    let is_near = |index: &usize| distance_px(index).is_finite() && distance_px(index) <= gate_px;
+    let mut near: Vec<usize> = (0..points.len()).filter(is_near).collect();
+    near.sort_by(|a, b| distance_px(a).total_cmp(&distance_px(b)));
+    near
+}
+
+/// As many pairs as possible of the answers so far.
+struct Matching<'a> {
+    /// For each answer the truth points that it may have.
+    near: &'a [Vec<usize>],
+    answer_of_truth: Vec<Option<usize>>,
+}
+
+impl Matching<'_> {
+    /// Gives an answer a truth point, others moving where they can; the point that had none before.
+    fn add(&mut self, answer: usize, tried: &mut [bool]) -> Option<usize> {
+        let near = self.near;
+        for truth in &near[answer] {
+            if std::mem::replace(&mut tried[*truth], true) {
+                continue;
+            }
+            let added = match self.answer_of_truth[*truth] {
+                None => Some(*truth),
+                Some(other) => self.add(other, tried),
+            };
+            if added.is_some() {
+                self.answer_of_truth[*truth] = Some(answer);
+                return added;
+            }
+        }
+        None
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use proptest::prelude::*;
@@ -149,6 +210,7 @@ mod tests {
         let assignment = assign(&points(&[[0.0, 0.0]]), &odd, f64::INFINITY);
         assert_eq!(assignment.truth_of_answer, [None, None]);
         assert_eq!(assign(&odd, &odd, f64::NAN).matches(), 0);
+        assert_eq!(first_matched(&odd, &odd, f64::INFINITY), [None, None]);
     }
 
     fn some_points() -> impl Strategy<Value = Vec<ImagePoint>> {
@@ -180,6 +242,17 @@ mod tests {
                 brute_force(&truth, &answers, gate_px, &mut vec![false; answers.len()]);
             prop_assert_eq!(assignment.matches(), matches);
             prop_assert!((cost_px2(&truth, &answers, &assignment) - cost).abs() < 1e-6);
+        }
+
+        #[test]
+        fn one_pass_over_the_answers_matches_as_many_as_each_prefix_by_itself(
+            truth in some_points(), answers in some_points(), gate_px in 0.1..5.0,
+        ) {
+            let first = first_matched(&truth, &answers, gate_px);
+            for count in 0..=answers.len() {
+                let matched = first.iter().flatten().filter(|answer| **answer < count).count();
+                prop_assert_eq!(matched, assign(&truth, &answers[..count], gate_px).matches());
+            }
         }
 
         #[test]

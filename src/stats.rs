@@ -1,5 +1,7 @@
 //! Robust statistics of plain numbers; knows nothing of corners.
 
+use serde::Serialize;
+
 /// The mean; `None` of nothing.
 #[allow(clippy::cast_precision_loss, reason = "counts far below 2^52")]
 pub fn mean(values: &[f64]) -> Option<f64> {
@@ -45,6 +47,55 @@ pub fn median(values: &[f64]) -> Option<f64> {
     quantile(values, 0.5)
 }
 
+/// What a threshold on a score lets through.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct OperatingPoint {
+    /// The threshold: scores equal to it pass.
+    pub threshold: f64,
+    /// Right answers, of all answers.
+    pub precision: f64,
+    /// Right answers, of all that was asked for.
+    pub recall: f64,
+}
+
+impl OperatingPoint {
+    /// The harmonic mean of precision and recall (van Rijsbergen 1979, Information Retrieval).
+    pub fn f1(&self) -> f64 {
+        let sum = self.precision + self.recall;
+        if sum > 0.0 { 2.0 * self.precision * self.recall / sum } else { 0.0 }
+    }
+}
+
+/// Precision and recall at every threshold that makes a difference, the highest first: `answers` are the
+/// scores of all answers, `right` those at which one thing more of the `asked` is found, each of them
+/// among `answers`. Empty where nothing is asked for or nothing answered.
+#[allow(clippy::cast_precision_loss, reason = "counts far below 2^52")]
+pub fn precision_recall(answers: &[f64], right: &[f64], asked: usize) -> Vec<OperatingPoint> {
+    let descending = |scores: &[f64]| {
+        let mut sorted = scores.to_vec();
+        sorted.sort_by(|a, b| b.total_cmp(a));
+        sorted
+    };
+    let (answers, right) = (descending(answers), descending(right));
+    let passing = |scores: &[f64], threshold: f64| scores.partition_point(|s| *s >= threshold);
+    let mut thresholds = if asked > 0 { answers.clone() } else { Vec::new() };
+    thresholds.dedup();
+    let at = |threshold: f64| {
+        let found = passing(&right, threshold) as f64;
+        let precision = found / passing(&answers, threshold) as f64;
+        OperatingPoint { threshold, precision, recall: found / asked as f64 }
+    };
+    thresholds.into_iter().map(at).collect()
+}
+
+/// The area under a curve of precision over recall, as steps: each gain in recall counts with the
+/// precision at which it is made. No interpolation, which would flatter (scikit-learn's definition).
+pub fn average_precision(curve: &[OperatingPoint]) -> f64 {
+    let before = std::iter::once(0.0).chain(curve.iter().map(|point| point.recall));
+    let steps = curve.iter().zip(before).map(|(point, b)| (point.recall - b) * point.precision);
+    steps.fold(0.0, |sum, step| sum + step) // the sum of nothing would be -0
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -67,5 +118,31 @@ mod tests {
     #[test]
     fn standard_error_of_a_known_sample() {
         assert!((standard_error(&[1.0, 3.0]).expect("two") - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn precision_and_recall_of_a_known_ranking() {
+        // Right, wrong, right at the same score as a wrong one, wrong; three were asked for.
+        let curve = precision_recall(&[5.0, 9.0, 7.0, 5.0, 1.0], &[9.0, 5.0], 3);
+        let points: Vec<_> = curve.iter().map(|p| (p.threshold, p.precision, p.recall)).collect();
+        let third = 1.0 / 3.0;
+        assert_eq!(
+            points,
+            [
+                (9.0, 1.0, third),
+                (7.0, 0.5, third),
+                (5.0, 0.5, 2.0 * third),
+                (1.0, 0.4, 2.0 * third)
+            ]
+        );
+        assert!((average_precision(&curve) - 0.5).abs() < 1e-12);
+        assert!((curve[0].f1() - 0.5).abs() < 1e-12);
+    }
+
+    #[test]
+    fn nothing_asked_or_answered_has_no_curve() {
+        assert_eq!(precision_recall(&[1.0], &[], 0), []);
+        assert_eq!(precision_recall(&[], &[], 3), []);
+        assert_eq!(average_precision(&[]), 0.0);
     }
 }
