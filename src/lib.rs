@@ -6,6 +6,7 @@
 //! from the truth. Data flows one way: [`scene`] -> [`sensor`] -> [`target`] -> [`detect`] ->
 //! [`refine`] -> [`grasp`].
 
+pub mod bound;
 pub mod cli;
 pub mod convention;
 pub mod detect;

@@ -10,6 +10,7 @@ use toml::Table;
 use crate::detect::{DETECTORS, Detector};
 use crate::error::{Error, Result};
 use crate::grasp::{ESTIMATORS, FaceSelector, GraspEstimator, SELECTORS};
+use crate::metrics::CornerRule;
 use crate::refine::{REFINERS, Refiner};
 use crate::registry::{self, Entry};
 use crate::sensor::{CameraModel, Photographer, RangeSensor};
@@ -29,26 +30,32 @@ pub struct Plan {
     pub range_sensor: String,
     /// The range sensor.
     pub range_sensor_model: RangeSensor,
-    /// How far a detection may lie from the corner it is matched to \[px\].
-    pub gate_px: f64,
+    /// What is asked for, and how near an answer must be.
+    pub corner_rule: CornerRule,
     /// The pipelines, in the order of the file.
     pub pipelines: Vec<Pipeline>,
 }
 
-/// A chain of algorithms from an exposure to a grasp.
+/// A chain of algorithms from an exposure to corners, and perhaps on to a grasp.
 pub struct Pipeline {
     /// Its name; column `method` of the records.
     pub name: String,
-    /// Exposure to target region.
-    pub target: Stage<dyn TargetExtractor>,
+    /// Exposure to target region; the whole image is searched where there is none.
+    pub target: Option<Stage<dyn TargetExtractor>>,
     /// Region to corner candidates.
     pub detect: Stage<dyn Detector>,
     /// Candidates to corners.
     pub refine: Stage<dyn Refiner>,
+    /// Corners to a grasp; it ends with the corners where there is none.
+    pub grasp: Option<GraspStages>,
+}
+
+/// A chain of algorithms from corners to a grasp.
+pub struct GraspStages {
     /// Corners to the face to grasp.
     pub face: Stage<dyn FaceSelector>,
     /// Face to grasp point.
-    pub grasp: Stage<dyn GraspEstimator>,
+    pub point: Stage<dyn GraspEstimator>,
 }
 
 /// An algorithm with its parameters set.
@@ -92,6 +99,12 @@ struct PlanFile {
     /// How far a detection may lie from the corner it is matched to \[px\].
     #[schemars(range(min = 0.01, max = 100.0))]
     gate_px: f64,
+    /// How far two edges of a corner must be seen from it for it to be asked for \[px\].
+    #[schemars(range(min = 0.0, max = 1000.0))]
+    least_edge_px: f64,
+    /// The largest bound on a corner's place with which it is asked for \[px\].
+    #[schemars(range(min = 0.0, max = 1000.0))]
+    most_bound_px: f64,
     /// Chains of algorithms, each measured by itself.
     #[schemars(with = "Vec<PipelineFile>", length(min = 1))]
     pipelines: Vec<Table>,
@@ -104,40 +117,36 @@ impl Default for PlanFile {
             camera: "ideal".into(),
             range_sensor: "ideal".into(),
             gate_px: 5.0,
+            least_edge_px: 3.0,
+            most_bound_px: 0.5,
             pipelines: Vec::new(),
         }
     }
 }
 
-/// A chain of algorithms from an exposure to a grasp.
+/// A chain of algorithms from an exposure to corners, and perhaps on to a grasp.
 #[derive(Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
-#[schemars(title = "Pipeline", transform = require_all)]
+#[schemars(title = "Pipeline", extend("required" = ["name", "detect"]))]
 struct PipelineFile {
     /// Column `method` of the records.
     #[schemars(regex(pattern = r"^[a-z0-9_-]+$"))]
     name: String,
-    /// Exposure to target region.
+    /// Exposure to target region; without it the whole image is searched.
     #[schemars(schema_with = "target_schema")]
-    target: Table,
+    target: Option<Table>,
     /// Region to corner candidates.
     #[schemars(schema_with = "detect_schema")]
     detect: Table,
-    /// Candidates to corners.
+    /// Candidates to corners; without it they stay where they are.
     #[schemars(schema_with = "refine_schema")]
-    refine: Table,
-    /// Corners to the face to grasp.
+    refine: Option<Table>,
+    /// Corners to the face to grasp; with `grasp`, or neither.
     #[schemars(schema_with = "face_schema")]
-    face: Table,
+    face: Option<Table>,
     /// Face to grasp point.
     #[schemars(schema_with = "grasp_schema")]
-    grasp: Table,
-}
-
-fn require_all(schema: &mut Schema) {
-    let keys = schema.get("properties").and_then(|properties| properties.as_object());
-    let keys: Vec<String> = keys.into_iter().flat_map(|keys| keys.keys().cloned()).collect();
-    schema.insert("required".into(), keys.into());
+    grasp: Option<Table>,
 }
 
 fn target_schema(_: &mut SchemaGenerator) -> Schema {
@@ -219,7 +228,11 @@ impl Plan {
             photographer,
             range_sensor: file.range_sensor,
             range_sensor_model,
-            gate_px: file.gate_px,
+            corner_rule: CornerRule {
+                gate_px: file.gate_px,
+                least_edge_px: file.least_edge_px,
+                most_bound_px: file.most_bound_px,
+            },
             pipelines,
         })
     }
@@ -230,11 +243,11 @@ impl Pipeline {
     pub fn description(&self) -> serde_json::Value {
         serde_json::json!({
             "name": self.name,
-            "target": self.target.description(),
+            "target": self.target.as_ref().map(Stage::description),
             "detect": self.detect.description(),
             "refine": self.refine.description(),
-            "face": self.face.description(),
-            "grasp": self.grasp.description(),
+            "face": self.grasp.as_ref().map(|grasp| grasp.face.description()),
+            "grasp": self.grasp.as_ref().map(|grasp| grasp.point.description()),
         })
     }
 
@@ -250,12 +263,38 @@ impl Pipeline {
                 "one or more of a-z, 0-9, - and _",
             ));
         }
+        let target = file
+            .target
+            .map(|table| stage(place, "target", "target extractor", EXTRACTORS, table))
+            .transpose()?;
+        let unrefined = || Table::from_iter([("algorithm".to_owned(), "none".into())]);
+        let refine = file.refine.unwrap_or_else(unrefined);
+        let grasp = match (file.face, file.grasp) {
+            (None, None) => None,
+            (Some(_), Some(_)) if target.is_none() => {
+                return Err(Error::Other(format!(
+                    "{place}: a face is chosen in a target region, and there is no `target`; add \
+                     it, or leave out `face` and `grasp`"
+                )));
+            }
+            (Some(face), Some(point)) => Some(GraspStages {
+                face: stage(place, "face", "face selector", SELECTORS, face)?,
+                point: stage(place, "grasp", "grasp estimator", ESTIMATORS, point)?,
+            }),
+            (face, _) => {
+                let (there, missing) =
+                    if face.is_some() { ("face", "grasp") } else { ("grasp", "face") };
+                return Err(Error::Other(format!(
+                    "{place}: there is `{there}` but no `{missing}`; give both, or neither for a \
+                     pipeline that ends with corners"
+                )));
+            }
+        };
         Ok(Self {
-            target: stage(place, "target", "target extractor", EXTRACTORS, file.target)?,
+            target,
             detect: stage(place, "detect", "detector", DETECTORS, file.detect)?,
-            refine: stage(place, "refine", "refiner", REFINERS, file.refine)?,
-            face: stage(place, "face", "face selector", SELECTORS, file.face)?,
-            grasp: stage(place, "grasp", "grasp estimator", ESTIMATORS, file.grasp)?,
+            refine: stage(place, "refine", "refiner", REFINERS, refine)?,
+            grasp,
             name: file.name,
         })
     }

@@ -19,14 +19,16 @@ use crate::geometry::ImagePoint;
 use crate::sensor::{CameraModel, RangeSensor};
 
 /// Version of the columns.
-pub const RECORD_VERSION: i32 = 1;
+pub const RECORD_VERSION: i32 = 2;
 
 /// What a row is about: the words of column `kind`.
 pub mod kind {
     /// One vertex of the target.
     pub const CORNER: &str = "corner";
-    /// One answer that is no vertex of the target.
+    /// One answer that belongs to no vertex asked for.
     pub const FALSE_CORNER: &str = "false_corner";
+    /// One point of the image that looks like a vertex of the target and is none.
+    pub const FALSE_JUNCTION: &str = "false_junction";
     /// The target region, the face and the grasp point of one exposure.
     pub const GRASP: &str = "grasp";
     /// A scene that could not be read.
@@ -41,10 +43,18 @@ pub mod status {
     pub const MISSED: &str = "missed";
     /// A corner that is not visible: neither asked for nor counted.
     pub const HIDDEN: &str = "hidden";
+    /// A corner of whose edges too little is seen: neither asked for nor counted.
+    pub const TOO_SMALL: &str = "too_small";
+    /// A corner whose place noise hides: neither asked for nor counted.
+    pub const TOO_UNCERTAIN: &str = "too_uncertain";
     /// An answer where no corner is.
     pub const FALSE: &str = "false";
-    /// An answer at a corner that is occluded: neither right nor wrong.
+    /// An answer at a corner that is not asked for: neither right nor wrong.
     pub const IGNORED: &str = "ignored";
+    /// A false junction at which an answer lies.
+    pub const ANSWERED: &str = "answered";
+    /// A false junction at which none does.
+    pub const SILENT: &str = "silent";
     /// No pixel has the target's colour.
     pub const NO_TARGET: &str = "no_target";
     /// The target was found, no corner was.
@@ -57,7 +67,7 @@ pub mod status {
     pub const UNREADABLE: &str = "unreadable";
 }
 
-/// One row: a scene, an exposure, a method, and a corner, a false corner or a grasp.
+/// One row: a scene, an exposure, a method, and a corner, a false corner, a false junction or a grasp.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, ParquetRecordWriter)]
 #[serde(deny_unknown_fields)]
 pub struct Record {
@@ -81,16 +91,16 @@ pub struct Record {
     pub camera: String,
     /// Name of the pipeline.
     pub method: String,
-    /// Target extractor and its version: "red_difference 1".
-    pub target_extractor: String,
+    /// Target extractor and its version: "red_difference 1"; null where the whole image is searched.
+    pub target_extractor: Option<String>,
     /// Detector and its version.
     pub detector: String,
     /// Refiner and its version.
     pub refiner: String,
-    /// Face selector and its version.
-    pub face_selector: String,
-    /// Grasp estimator and its version.
-    pub grasp_estimator: String,
+    /// Face selector and its version; null of a pipeline that ends with corners.
+    pub face_selector: Option<String>,
+    /// Grasp estimator and its version; null of a pipeline that ends with corners.
+    pub grasp_estimator: Option<String>,
     /// One of [`kind`].
     pub kind: String,
     /// One of [`status`].
@@ -106,18 +116,40 @@ pub struct Record {
     pub visibility: Option<String>,
     /// What a visible corner looks like: "L", "Y", "arrow", "X", "edge end".
     pub junction: Option<String>,
+    /// Smallest angle between two edges of a corner asked for \[degrees\].
+    pub junction_angle_deg: Option<f64>,
+    /// How far a visible corner's second longest edge is seen from it \[px\].
+    pub second_edge_px: Option<f64>,
+    /// The second largest contrast of a visible corner's edges, before the camera's curve and noise
+    /// \[share of full scale\].
+    pub contrast_fraction: Option<f64>,
+    /// Distance in the image from a visible corner to where something nearer begins \[px\]; null beyond 64.
+    pub nearest_occluder_px: Option<f64>,
+    /// Least root mean square error that the exposure's noise allows, from the first 10 px of a visible
+    /// corner's edges, their directions unknown \[px\]; null where they bound nothing.
+    pub bound_px: Option<f64>,
     /// Error of the true corner's place that the render's noise alone enforces \[px\].
     pub render_noise_floor_px: Option<f64>,
-    /// True position \[px\].
+    /// True position, of a false junction its own \[px\].
     pub true_x_px: Option<f64>,
-    /// True position \[px\].
+    /// True position, of a false junction its own \[px\].
     pub true_y_px: Option<f64>,
     /// The detector's position \[px\].
     pub detected_x_px: Option<f64>,
     /// The detector's position \[px\].
     pub detected_y_px: Option<f64>,
-    /// The detector's response, in its own unit.
+    /// The detector's response, in its own unit; at a false junction the strongest of the answers there.
     pub response: Option<f64>,
+    /// The largest threshold on the response with which this corner is found, whichever answer within the
+    /// gate finds it.
+    pub found_at_response: Option<f64>,
+    /// Where an answer lies that belongs to no corner asked for: "duplicate" (at one that has another), "T",
+    /// "shadow", "texture", "distractor", "room" (at a false junction of that cause), "edge" (of the target),
+    /// "target", "object", "background"; of an ignored one "hidden corner", "small corner", "uncertain
+    /// corner". Of a false junction its cause.
+    pub cause: Option<String>,
+    /// Distance of such an answer from the nearest corner asked for \[px\].
+    pub nearest_corner_px: Option<f64>,
     /// The refiner's position \[px\].
     pub refined_x_px: Option<f64>,
     /// The refiner's position \[px\].
@@ -231,6 +263,10 @@ pub struct RunDescription {
     pub range_sensor: String,
     /// How far a detection may lie from the corner it is matched to \[px\].
     pub gate_px: f64,
+    /// How far two edges of a corner must be seen for it to be asked for \[px\].
+    pub least_edge_px: f64,
+    /// The largest bound on a corner's place with which it is asked for \[px\].
+    pub most_bound_px: f64,
     /// The command line.
     pub command: String,
     /// Operating system and processor architecture.

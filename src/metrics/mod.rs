@@ -1,7 +1,9 @@
 //! From answers and truth to numbers, each with its unit.
 
+mod corners;
 mod grasp;
-mod localisation;
 
+pub use corners::{
+    CornerRule, CornerScore, CornerScores, Fate, OtherScore, Place, Seen, score_corners,
+};
 pub use grasp::{GraspError, covered_face, grasp_error};
-pub use localisation::{CornerScore, Fate, score_corners};

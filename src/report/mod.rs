@@ -1,5 +1,7 @@
 //! Records -> terminal, page and pictures. Reads a run's folder; runs no algorithm.
 
+mod curves;
+pub mod detection;
 mod figures;
 pub mod summary;
 mod svg;
@@ -31,8 +33,9 @@ pub fn write(folder: &Path) -> Result<(Summary, PathBuf)> {
 
     let report = folder.join("report");
     replace_folder(&report)?;
+    write_text(&report.join("precision-recall.svg"), &curves::draw(&summary.methods)?)?;
     let mut sections = Vec::new();
-    for method in &summary.methods {
+    for method in summary.methods.iter().filter(|method| method.grasps.is_some()) {
         for scene in &method.scenes {
             let sketch = read_sketch(folder, &scene.scene, &method.method)?;
             let rows: Vec<&Record> = records
@@ -41,9 +44,7 @@ pub fn write(folder: &Path) -> Result<(Summary, PathBuf)> {
                 .collect();
             let figures = figures::draw(folder, &method.method, &sketch, &rows)?;
             for figure in &figures {
-                write_whole(&report.join(&figure.file), |path| {
-                    fs::write(path, &figure.svg).map_err(Error::io(path, "write"))
-                })?;
+                write_text(&report.join(&figure.file), &figure.svg)?;
             }
             let grasp = rows.iter().find(|record| record.kind == kind::GRASP);
             sections.push(json!({
@@ -79,6 +80,9 @@ pub fn write(folder: &Path) -> Result<(Summary, PathBuf)> {
     let content = json!({
         "run": run,
         "summary": summary,
+        "comparison": words::comparison(&summary),
+        "strata": words::strata(&summary),
+        "causes": words::causes(&summary),
         "findings": summary.methods.iter().map(words::findings).collect::<Vec<_>>(),
         "verdicts": summary.methods.iter().map(words::verdict).collect::<Vec<_>>(),
         "sections": sections,
@@ -88,8 +92,12 @@ pub fn write(folder: &Path) -> Result<(Summary, PathBuf)> {
         .and_then(|template| template.render(Serde(&content)))
         .map_err(|error| Error::Other(format!("the report's template: {error:#}")))?;
     let path = report.join("index.html");
-    write_whole(&path, |path| fs::write(path, &page).map_err(Error::io(path, "write")))?;
+    write_text(&path, &page)?;
     Ok((summary, path))
+}
+
+fn write_text(path: &Path, text: &str) -> Result<()> {
+    write_whole(path, |path| fs::write(path, text).map_err(Error::io(path, "write")))
 }
 
 /// The rows of the paper's Table 1 for one scene: found corners, then missed ones, then the rest.
@@ -112,6 +120,7 @@ fn table_one(rows: &[&Record]) -> Vec<serde_json::Value> {
             json!({
                 "status": record.status,
                 "visibility": record.visibility,
+                "place": record.cause.as_deref().map(words::place),
                 "index": record.corner_index,
                 "detected": [record.detected_x_px, record.detected_y_px],
                 "refined": [record.refined_x_px, record.refined_y_px],

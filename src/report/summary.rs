@@ -3,6 +3,7 @@
 use serde::Serialize;
 
 use crate::record::{Record, kind, status};
+use crate::report::detection::{self, DetectionSummary};
 use crate::stats;
 
 /// What a run's records say; RUN/summary.json.
@@ -34,8 +35,10 @@ pub struct MethodSummary {
     pub refiner: String,
     /// Over all scenes.
     pub corners: CornerSummary,
-    /// Over all scenes.
-    pub grasps: GraspSummary,
+    /// Over all scenes: corners against the rest.
+    pub detection: DetectionSummary,
+    /// Over all scenes; none of a pipeline that ends with corners.
+    pub grasps: Option<GraspSummary>,
     /// Scene by scene.
     pub scenes: Vec<SceneSummary>,
 }
@@ -165,7 +168,8 @@ fn summarise_method(method: &str, records: &[&Record]) -> MethodSummary {
         detector: records.first().map(|r| r.detector.clone()).unwrap_or_default(),
         refiner: records.first().map(|r| r.refiner.clone()).unwrap_or_default(),
         corners: corners(records),
-        grasps: grasps(records),
+        detection: detection::summarise(records),
+        grasps: records.iter().any(|r| r.kind == kind::GRASP).then(|| grasps(records)),
         scenes,
     }
 }

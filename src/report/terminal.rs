@@ -2,18 +2,25 @@
 
 use comfy_table::{Cell, CellAlignment, ContentArrangement, Table, presets};
 
-use crate::report::summary::{MethodSummary, Summary};
-use crate::report::words;
+use crate::report::summary::{GraspSummary, MethodSummary, Summary};
+use crate::report::words::{self, Words};
 
 /// The summary as text; its tables fit the terminal, where standard output is one.
 pub fn tables(summary: &Summary) -> String {
     let mut text = String::new();
-    for method in &summary.methods {
+    if summary.methods.len() > 1 || summary.methods.iter().any(|method| method.grasps.is_none()) {
+        text.push_str(&table_of(&words::comparison(summary)).to_string());
+        text.push_str(
+            "\nprecision and recall are those of the best threshold on the response, as a share of an \
+             image's strongest\n",
+        );
+    }
+    for (method, grasps) in summary.methods.iter().filter_map(|m| Some((m, m.grasps.as_ref()?))) {
         text.push_str(&format!(
             "{}: {}, then {}\n",
             method.method, method.detector, method.refiner
         ));
-        text.push_str(&scene_table(method).to_string());
+        text.push_str(&scene_table(method, grasps).to_string());
         text.push('\n');
         for sentence in words::findings(method) {
             text.push_str(&format!("- {sentence}\n"));
@@ -25,12 +32,28 @@ pub fn tables(summary: &Summary) -> String {
     text
 }
 
-fn scene_table(method: &MethodSummary) -> Table {
+/// A table; numbers, all that starts with a digit or a dash, stand to the right.
+fn table_of(words: &Words) -> Table {
     let mut table = Table::new();
     table
         .load_style(presets::UTF8_HORIZONTAL_ONLY)
         .set_content_arrangement(ContentArrangement::Dynamic);
-    table.set_header([
+    table.set_header(&words.header);
+    for row in &words.rows {
+        table.add_row(row.iter().map(|text| {
+            let is_number = text.starts_with(|c: char| c.is_ascii_digit() || c == '-');
+            Cell::new(text).set_alignment(if is_number {
+                CellAlignment::Right
+            } else {
+                CellAlignment::Left
+            })
+        }));
+    }
+    table
+}
+
+fn scene_table(method: &MethodSummary, grasps: &GraspSummary) -> Table {
+    let header = [
         "scene",
         "target seen",
         "corners found",
@@ -39,7 +62,7 @@ fn scene_table(method: &MethodSummary) -> Table {
         "refined error px",
         "face",
         "grasp error mm",
-    ]);
+    ];
     let rows = method.scenes.iter().map(|scene| {
         [
             scene.scene.clone(),
@@ -60,18 +83,11 @@ fn scene_table(method: &MethodSummary) -> Table {
         corners.false_corners.to_string(),
         words::px(corners.detected.map(|errors| errors.median_px)),
         words::px(corners.refined_errors.map(|errors| errors.median_px)),
-        format!("{} of {} right", method.grasps.face_right, method.grasps.asked),
-        words::mm(method.grasps.median_error_mm),
+        format!("{} of {} right", grasps.face_right, grasps.asked),
+        words::mm(grasps.median_error_mm),
     ];
-    for row in rows.chain([all]) {
-        table.add_row(row.iter().enumerate().map(|(column, text)| {
-            let numeric = !matches!(column, 0 | 6);
-            Cell::new(text).set_alignment(if numeric {
-                CellAlignment::Right
-            } else {
-                CellAlignment::Left
-            })
-        }));
-    }
-    table
+    table_of(&Words {
+        header: header.map(str::to_owned).to_vec(),
+        rows: rows.chain([all]).map(Vec::from).collect(),
+    })
 }

@@ -1,6 +1,9 @@
 //! Numbers as people read them, and what they say.
 
-use crate::report::summary::{MethodSummary, SceneSummary};
+use serde::Serialize;
+
+use crate::report::detection::{Cause, Stratum};
+use crate::report::summary::{GraspSummary, MethodSummary, SceneSummary, Summary};
 
 /// A length in pixels; "-" of nothing.
 pub fn px(value: Option<f64>) -> String {
@@ -31,7 +34,6 @@ pub fn face(scene: &SceneSummary) -> &'static str {
 /// What the numbers say, in sentences; every number in them stands in the summary.
 pub fn findings(method: &MethodSummary) -> Vec<String> {
     let corners = &method.corners;
-    let grasps = &method.grasps;
     let mut sentences = Vec::new();
     if let (Some(before), Some(after)) = (corners.detected, corners.refined_errors) {
         sentences.push(format!(
@@ -48,25 +50,162 @@ pub fn findings(method: &MethodSummary) -> Vec<String> {
         ));
     }
     sentences.push(format!(
-        "{} of {} answers were no corner of the target",
+        "{} of {} answers were no corner of the target{}",
         corners.false_corners,
         corners.false_corners + corners.found + corners.ignored,
+        where_they_lie(&method.detection.causes),
     ));
-    sentences.push(if grasps.answered == 0 {
-        format!("no grasp point was computed in {} scenes", grasps.asked)
-    } else {
-        format!(
-            "a grasp point was computed in {} of {} scenes, the least occluded face was chosen in {}; \
-             median error {} mm: {} along the optical axis, {} across it",
-            grasps.answered,
-            grasps.asked,
-            grasps.face_right,
-            mm(grasps.median_error_mm),
-            mm(grasps.median_axial_error_mm),
-            mm(grasps.median_lateral_error_mm),
-        )
-    });
+    sentences.extend(method.grasps.as_ref().map(of_grasps));
     sentences
+}
+
+/// ": 40 at its edges, 12 at T junctions, ..."; nothing of nothing.
+fn where_they_lie(causes: &[Cause]) -> String {
+    let parts: Vec<String> = causes
+        .iter()
+        .filter(|cause| cause.answers > 0)
+        .map(|cause| format!("{} {}", cause.answers, place(&cause.cause)))
+        .collect();
+    if parts.is_empty() { String::new() } else { format!(": {}", parts.join(", ")) }
+}
+
+/// Where an answer lies, from its record's cause.
+pub fn place(cause: &str) -> String {
+    match cause {
+        "duplicate" => "at corners that have another answer".to_owned(),
+        "T" => "at T junctions".to_owned(),
+        "shadow" => "at corners of the shadow".to_owned(),
+        "texture" => "at corners of texture".to_owned(),
+        "distractor" => "at corners of a distractor".to_owned(),
+        "room" => "at corners of the room".to_owned(),
+        "edge" => "at edges of the target".to_owned(),
+        "target" => "elsewhere on the target".to_owned(),
+        "object" => "on other objects".to_owned(),
+        "background" => "on floor and walls".to_owned(),
+        "hidden corner" => "at hidden corners".to_owned(),
+        "small corner" => "at corners too little is seen of".to_owned(),
+        "uncertain corner" => "at corners that noise hides".to_owned(),
+        other => other.to_owned(),
+    }
+}
+
+fn of_grasps(grasps: &GraspSummary) -> String {
+    if grasps.answered == 0 {
+        return format!("no grasp point was computed in {} scenes", grasps.asked);
+    }
+    format!(
+        "a grasp point was computed in {} of {} scenes, the least occluded face was chosen in {}; \
+         median error {} mm: {} along the optical axis, {} across it",
+        grasps.answered,
+        grasps.asked,
+        grasps.face_right,
+        mm(grasps.median_error_mm),
+        mm(grasps.median_axial_error_mm),
+        mm(grasps.median_lateral_error_mm),
+    )
+}
+
+/// A table as people read it.
+#[derive(Clone, Debug, Serialize)]
+pub struct Words {
+    /// Its columns.
+    pub header: Vec<String>,
+    /// Its rows.
+    pub rows: Vec<Vec<String>>,
+}
+
+/// Methods beside each other, the best average precision first.
+pub fn comparison(summary: &Summary) -> Words {
+    let header = [
+        "method",
+        "detector",
+        "average precision",
+        "precision",
+        "recall",
+        "threshold",
+        "found at any",
+        "median error px",
+    ];
+    let share =
+        |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |value| format!("{value:.2}"));
+    let rows = by_average_precision(summary).into_iter().map(|method| {
+        let sweep = &method.detection.sweeps[0];
+        vec![
+            method.method.clone(),
+            method.detector.clone(),
+            format!("{:.3}", sweep.average_precision),
+            share(sweep.best.map(|best| best.precision)),
+            share(sweep.best.map(|best| best.recall)),
+            sweep.best.map_or_else(|| "-".to_owned(), |best| significant(best.threshold)),
+            format!("{} of {}", method.corners.found, method.corners.visible),
+            px(method.corners.detected.map(|errors| errors.median_px)),
+        ]
+    });
+    Words { header: header.map(str::to_owned).to_vec(), rows: rows.collect() }
+}
+
+fn by_average_precision(summary: &Summary) -> Vec<&MethodSummary> {
+    let mut methods: Vec<&MethodSummary> = summary.methods.iter().collect();
+    let score = |method: &MethodSummary| method.detection.sweeps[0].average_precision;
+    methods.sort_by(|a, b| score(b).total_cmp(&score(a)));
+    methods
+}
+
+/// A number to two significant digits.
+fn significant(value: f64) -> String {
+    if value >= 0.1 { format!("{value:.2}") } else { format!("{value:.1e}") }
+}
+
+/// Recall by what corners look like, a table for each property: how many are found at each method's
+/// best threshold.
+pub fn strata(summary: &Summary) -> Vec<(&'static str, Words)> {
+    let Some(first) = summary.methods.first() else { return Vec::new() };
+    let tables = first.detection.recall_by.iter().enumerate().map(|(index, strata)| {
+        let name = |stratum: &Stratum| format!("{} ({})", stratum.name, stratum.asked);
+        let header = std::iter::once("method".to_owned()).chain(strata.strata.iter().map(name));
+        let row = |method: &MethodSummary| {
+            let found = method.detection.recall_by[index].strata.iter();
+            let found = found.map(|one| share_of(one.found_at_best, one.asked));
+            std::iter::once(method.method.clone()).chain(found).collect()
+        };
+        let rows = by_average_precision(summary).into_iter().map(row).collect();
+        (strata.by, Words { header: header.collect(), rows })
+    });
+    tables.collect()
+}
+
+fn share_of(count: usize, all: usize) -> String {
+    let number = |value: usize| f64::from(u32::try_from(value).unwrap_or(u32::MAX));
+    percent((all > 0).then(|| number(count) / number(all)))
+}
+
+/// What answers are that are no corner, at each method's best threshold; of false junctions, how many
+/// of them have an answer.
+pub fn causes(summary: &Summary) -> Words {
+    let methods = by_average_precision(summary);
+    let mut names: Vec<&str> = Vec::new();
+    for cause in methods.iter().flat_map(|method| &method.detection.causes) {
+        if !names.contains(&cause.cause.as_str()) {
+            names.push(&cause.cause);
+        }
+    }
+    let header = std::iter::once("method".to_owned()).chain(names.iter().map(|name| place(name)));
+    let cell = |method: &MethodSummary, name: &str| {
+        let cause = method.detection.causes.iter().find(|cause| cause.cause == name);
+        cause.map_or_else(
+            || "0".to_owned(),
+            |cause| match cause.junctions {
+                0 => cause.answers_at_best.to_string(),
+                all => format!("{} at {} of {all}", cause.answers_at_best, cause.answered_at_best),
+            },
+        )
+    };
+    let row = |method: &MethodSummary| {
+        let cells = names.iter().map(|name| cell(method, name));
+        std::iter::once(method.method.clone()).chain(cells).collect()
+    };
+    let rows = methods.iter().map(|method| row(method)).collect();
+    Words { header: header.collect(), rows }
 }
 
 /// What the numbers say of the paper's conclusion ("the corner coordinates obtained through

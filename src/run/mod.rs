@@ -9,12 +9,19 @@ use std::path::Path;
 
 use rayon::prelude::*;
 
+use crate::bound::corner_bounds_px;
 use crate::error::{Error, Result};
 use crate::files::{replace_folder, write_json, write_whole};
-use crate::plan::{Pipeline, Plan};
+use crate::grasp::{Face, Grasp, NoFace, NoGrasp};
+use crate::metrics::Seen;
+use crate::plan::{GraspStages, Pipeline, Plan, Stage};
 use crate::record::{RECORD_VERSION, Record, RunDescription, kind, status, write_records};
+use crate::refine::Corner;
 use crate::scene::{Dataset, Description, Scene, Split};
 use crate::sensor::{Exposure, RangeImage, RangeSensor, Rig};
+use crate::target::{NoTarget, TargetRegion};
+
+use score::Scorer;
 
 pub use photographs::{Photographs, Wanted, photograph};
 
@@ -86,7 +93,9 @@ pub fn measure(
         camera: plan.camera.clone(),
         range_sensor_model: plan.range_sensor_model.clone(),
         range_sensor: plan.range_sensor.clone(),
-        gate_px: plan.gate_px,
+        gate_px: plan.corner_rule.gate_px,
+        least_edge_px: plan.corner_rule.least_edge_px,
+        most_bound_px: plan.corner_rule.most_bound_px,
         command: command.to_owned(),
         machine: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
         renderers,
@@ -120,13 +129,26 @@ fn measure_scene(
     fs::create_dir_all(folder).map_err(Error::io(folder, "create"))?;
     pictures::write_exposure(&folder.join("exposure.png"), &exposure)?;
     let depth_range_m = pictures::write_depth(&folder.join("depth.png"), &scene.geometry.depth_m)?;
+    let camera_blur_px = plan.photographer.kernel(scene.film.oversampling, [0.0, 0.0]).blur_px();
+    let colour = plan.photographer.model().colour;
+    let bounds_px = corner_bounds_px(&truth, &exposure, colour, camera_blur_px);
+    let scorer = Scorer {
+        seen: Seen::new(scene, &truth, bounds_px, &rig),
+        rig: &rig,
+        rule: plan.corner_rule,
+        gain: plan.photographer.model().gain,
+    };
     let mut records = Vec::new();
     for pipeline in &plan.pipelines {
         let answers = Answers::of(pipeline, &exposure, &rig, &range);
         let template = template(plan, pipeline, dataset, scene);
-        records.extend(score::records(&template, &truth, &answers, &rig, plan.gate_px));
+        records.extend(scorer.records(&template, &answers));
+        // What a report draws: the way to a grasp.
+        if pipeline.grasp.is_none() {
+            continue;
+        }
         let sketch = score::sketch(scene, &truth, &answers, depth_range_m);
-        if let Ok(region) = &answers.region {
+        if let Some(Ok(region)) = &answers.region {
             let path = folder.join(format!("{}-target.png", pipeline.name));
             pictures::write_target(&path, &exposure, region)?;
         }
@@ -143,34 +165,73 @@ fn range_image(sensor: &RangeSensor, scene: &Scene, name: &[&str]) -> Result<Ran
 
 /// What a pipeline answered to one exposure, stage by stage.
 struct Answers {
-    region: std::result::Result<crate::target::TargetRegion, crate::target::NoTarget>,
-    corners: Vec<crate::refine::Corner>,
-    face: Option<std::result::Result<crate::grasp::Face, crate::grasp::NoFace>>,
-    grasp: Option<std::result::Result<crate::grasp::Grasp, crate::grasp::NoGrasp>>,
+    /// `None` of a pipeline that searches the whole image.
+    region: Option<std::result::Result<TargetRegion, NoTarget>>,
+    corners: Vec<Corner>,
+    /// `None` of a pipeline that ends with corners.
+    grasp: Option<GraspAnswer>,
+}
+
+/// How far a pipeline came on the way to a grasp.
+enum GraspAnswer {
+    NoTarget(NoTarget),
+    NoCorner,
+    NoFace(NoFace),
+    NoRange(Face, NoGrasp),
+    Grasp(Face, Grasp),
 }
 
 impl Answers {
     /// Runs the pipeline. It sees the exposure, the rig and the range image; no truth.
     fn of(pipeline: &Pipeline, exposure: &Exposure, rig: &Rig, range: &RangeImage) -> Self {
-        let region = pipeline.target.algorithm.extract(exposure);
-        let corners = region.as_ref().map_or_else(
-            |_| Vec::new(),
-            |region| {
-                let detections = pipeline.detect.algorithm.detect(exposure, Some(region));
-                pipeline.refine.algorithm.refine(exposure, &detections)
-            },
-        );
-        let face = match &region {
-            Ok(region) if !corners.is_empty() => {
-                Some(pipeline.face.algorithm.select(exposure, region, &corners))
+        let region = pipeline.target.as_ref().map(|target| target.algorithm.extract(exposure));
+        let detect = |region| {
+            let detections = pipeline.detect.algorithm.detect(exposure, region);
+            pipeline.refine.algorithm.refine(exposure, &detections)
+        };
+        let corners = match &region {
+            None => detect(None),
+            Some(Ok(region)) => detect(Some(region)),
+            Some(Err(_)) => Vec::new(),
+        };
+        let grasp = match (&pipeline.grasp, &region) {
+            (Some(_), Some(Err(reason))) => Some(GraspAnswer::NoTarget(*reason)),
+            (Some(stages), Some(Ok(region))) => {
+                Some(GraspAnswer::of(stages, exposure, region, &corners, rig, range))
             }
             _ => None,
         };
-        let grasp = match &face {
-            Some(Ok(face)) => Some(pipeline.grasp.algorithm.estimate(face, rig, range)),
+        Self { region, corners, grasp }
+    }
+}
+
+impl GraspAnswer {
+    fn of(
+        stages: &GraspStages,
+        exposure: &Exposure,
+        region: &TargetRegion,
+        corners: &[Corner],
+        rig: &Rig,
+        range: &RangeImage,
+    ) -> Self {
+        if corners.is_empty() {
+            return Self::NoCorner;
+        }
+        match stages.face.algorithm.select(exposure, region, corners) {
+            Err(reason) => Self::NoFace(reason),
+            Ok(face) => match stages.point.algorithm.estimate(&face, rig, range) {
+                Err(reason) => Self::NoRange(face, reason),
+                Ok(grasp) => Self::Grasp(face, grasp),
+            },
+        }
+    }
+
+    /// The face that was chosen.
+    fn face(&self) -> Option<&Face> {
+        match self {
+            Self::NoRange(face, _) | Self::Grasp(face, _) => Some(face),
             _ => None,
-        };
-        Self { region, corners, face, grasp }
+        }
     }
 }
 
@@ -187,11 +248,11 @@ fn template(plan: &Plan, pipeline: &Pipeline, dataset: &Dataset, scene: &Scene) 
         split: Some(scene.description.split.name().to_owned()),
         camera: plan.camera.clone(),
         method: pipeline.name.clone(),
-        target_extractor: pipeline.target.label(),
+        target_extractor: pipeline.target.as_ref().map(Stage::label),
         detector: pipeline.detect.label(),
         refiner: pipeline.refine.label(),
-        face_selector: pipeline.face.label(),
-        grasp_estimator: pipeline.grasp.label(),
+        face_selector: pipeline.grasp.as_ref().map(|grasp| grasp.face.label()),
+        grasp_estimator: pipeline.grasp.as_ref().map(|grasp| grasp.point.label()),
         target_visible_fraction: Some(scene.truth.target_visible_fraction),
         ..Record::default()
     }

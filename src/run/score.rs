@@ -1,62 +1,124 @@
 //! From a pipeline's answers and the truth to records.
 
-use super::Answers;
+use super::{Answers, GraspAnswer};
 use crate::geometry::ImagePoint;
-use crate::metrics::{CornerScore, Fate, covered_face, grasp_error, score_corners};
+use crate::metrics::{
+    CornerRule, CornerScore, Fate, OtherScore, Seen, covered_face, grasp_error, score_corners,
+};
 use crate::record::{Record, Sketch, kind, status};
 use crate::refine::Corner;
-use crate::scene::{Scene, TrueFace, Truth, Visibility};
+use crate::scene::{FalseJunction, Scene, TrueCorner, TrueFace, Truth, Visibility};
 use crate::sensor::Rig;
 
-/// The rows of one scene and method: corners, false corners, then the grasp.
-pub(super) fn records(
-    template: &Record,
-    truth: &Truth,
-    answers: &Answers,
-    rig: &Rig,
-    gate_px: f64,
-) -> Vec<Record> {
-    let mut records: Vec<Record> = score_corners(truth, &answers.corners, gate_px)
-        .iter()
-        .map(|score| corner_record(template, truth, &answers.corners, score))
-        .collect();
-    records.push(grasp_record(template, truth, answers, rig));
-    records
+/// What answers to one exposure are compared with.
+pub(super) struct Scorer<'a> {
+    pub seen: Seen<'a>,
+    pub rig: &'a Rig,
+    pub rule: CornerRule,
+    /// Full scale per unit of radiance.
+    pub gain: f64,
 }
 
-fn corner_record(
-    template: &Record,
-    truth: &Truth,
-    answers: &[Corner],
-    score: &CornerScore,
-) -> Record {
-    let corner = score.corner.map(|index| &truth.corners[index]);
-    let answer = score.answer.map(|index| &answers[index]);
-    let status = match score.fate {
-        Fate::Found => status::OK,
-        Fate::Missed => status::MISSED,
-        Fate::Hidden => status::HIDDEN,
-        Fate::False => status::FALSE,
-        Fate::Ignored => status::IGNORED,
-    };
+impl Scorer<'_> {
+    /// The rows of one scene and method: corners, other answers, false junctions, then the grasp.
+    pub(super) fn records(&self, template: &Record, answers: &Answers) -> Vec<Record> {
+        let truth = self.seen.truth;
+        let scores = score_corners(&self.seen, &answers.corners, self.rule);
+        let no_target = match &answers.region {
+            Some(Err(reason)) => Some(format!("no target: {}", reason.name())),
+            _ => None,
+        };
+        let mut records = Vec::new();
+        for (corner, score) in truth.corners.iter().zip(&scores.corners) {
+            let answer = score.answer.map(|index| &answers.corners[index]);
+            let mut record = self.corner_record(template, corner, score, answer);
+            if score.fate == Fate::Missed {
+                record.reason.clone_from(&no_target);
+            }
+            records.push(record);
+        }
+        let others = scores.others.iter();
+        records.extend(others.map(|o| other_record(template, o, &answers.corners[o.answer])));
+        let junctions = truth.false_junctions.iter().zip(&scores.false_junctions);
+        records.extend(junctions.map(|(j, response)| junction_record(template, j, *response)));
+        let grasp = answers.grasp.as_ref();
+        let count = answers.corners.len();
+        records.extend(grasp.map(|grasp| grasp_record(template, truth, grasp, count, self.rig)));
+        records
+    }
+
+    fn corner_record(
+        &self,
+        template: &Record,
+        corner: &TrueCorner,
+        score: &CornerScore,
+        answer: Option<&Corner>,
+    ) -> Record {
+        let is_visible = corner.visibility == Visibility::Visible;
+        let contrast = corner.second_contrast().map(|radiance| self.gain * radiance);
+        Record {
+            kind: kind::CORNER.to_owned(),
+            status: match score.fate {
+                Fate::Found => status::OK,
+                Fate::Missed => status::MISSED,
+                Fate::Hidden => status::HIDDEN,
+                Fate::TooSmall => status::TOO_SMALL,
+                Fate::TooUncertain => status::TOO_UNCERTAIN,
+            }
+            .to_owned(),
+            corner_index: i32::try_from(corner.index).ok(),
+            visibility: Some(visibility_name(corner.visibility).to_owned()),
+            junction: corner.junction.map(|junction| junction.name().to_owned()),
+            junction_angle_deg: corner
+                .smallest_angle_deg(self.rule.least_edge_px)
+                .filter(|_| is_visible),
+            second_edge_px: is_visible.then(|| corner.second_edge_px()),
+            contrast_fraction: contrast.filter(|_| is_visible),
+            nearest_occluder_px: corner.nearest_occluder_px,
+            bound_px: self.seen.bounds_px[corner.index].filter(|_| is_visible),
+            render_noise_floor_px: corner.render_noise_floor_px,
+            true_x_px: Some(corner.image_point_px.x),
+            true_y_px: Some(corner.image_point_px.y),
+            found_at_response: score.found_at_response,
+            detected_error_px: score.detected_error_px,
+            refined_error_px: score.refined_error_px,
+            ..answer.map_or_else(|| template.clone(), |answer| with_answer(template, answer))
+        }
+    }
+}
+
+/// The columns of an answer.
+fn with_answer(template: &Record, answer: &Corner) -> Record {
     Record {
-        kind: if corner.is_some() { kind::CORNER } else { kind::FALSE_CORNER }.to_owned(),
-        status: status.to_owned(),
-        corner_index: corner.and_then(|corner| i32::try_from(corner.index).ok()),
-        visibility: corner.map(|corner| visibility_name(corner.visibility).to_owned()),
-        junction: corner.and_then(|corner| corner.junction).map(|kind| kind.name().to_owned()),
-        render_noise_floor_px: corner.and_then(|corner| corner.render_noise_floor_px),
-        true_x_px: corner.map(|corner| corner.image_point_px.x),
-        true_y_px: corner.map(|corner| corner.image_point_px.y),
-        detected_x_px: answer.map(|answer| answer.seed.point.x),
-        detected_y_px: answer.map(|answer| answer.seed.point.y),
-        response: answer.map(|answer| answer.seed.response),
-        refined_x_px: answer.map(|answer| answer.position.x),
-        refined_y_px: answer.map(|answer| answer.position.y),
-        refine_status: answer.map(|answer| answer.status.name().to_owned()),
-        iterations: answer.and_then(|answer| i32::try_from(answer.iterations).ok()),
-        detected_error_px: score.detected_error_px,
-        refined_error_px: score.refined_error_px,
+        detected_x_px: Some(answer.seed.point.x),
+        detected_y_px: Some(answer.seed.point.y),
+        response: Some(answer.seed.response),
+        refined_x_px: Some(answer.position.x),
+        refined_y_px: Some(answer.position.y),
+        refine_status: Some(answer.status.name().to_owned()),
+        iterations: i32::try_from(answer.iterations).ok(),
+        ..template.clone()
+    }
+}
+
+fn other_record(template: &Record, score: &OtherScore, answer: &Corner) -> Record {
+    Record {
+        kind: kind::FALSE_CORNER.to_owned(),
+        status: if score.place.is_ignored() { status::IGNORED } else { status::FALSE }.to_owned(),
+        cause: Some(score.place.name().to_owned()),
+        nearest_corner_px: score.nearest_corner_px,
+        ..with_answer(template, answer)
+    }
+}
+
+fn junction_record(template: &Record, junction: &FalseJunction, response: Option<f64>) -> Record {
+    Record {
+        kind: kind::FALSE_JUNCTION.to_owned(),
+        status: if response.is_some() { status::ANSWERED } else { status::SILENT }.to_owned(),
+        response,
+        cause: Some(junction.cause.name().to_owned()),
+        true_x_px: Some(junction.image_point_px.x),
+        true_y_px: Some(junction.image_point_px.y),
         ..template.clone()
     }
 }
@@ -70,13 +132,19 @@ fn visibility_name(visibility: Visibility) -> &'static str {
     }
 }
 
-fn grasp_record(template: &Record, truth: &Truth, answers: &Answers, rig: &Rig) -> Record {
-    let (status, reason) = match (&answers.region, &answers.face, &answers.grasp) {
-        (Err(reason), _, _) => (status::NO_TARGET, Some(reason.name())),
-        (Ok(_), None, _) => (status::NO_CORNER, None),
-        (Ok(_), Some(Err(reason)), _) => (status::NO_FACE, Some(reason.name())),
-        (Ok(_), Some(Ok(_)), Some(Err(reason))) => (status::NO_RANGE, Some(reason.name())),
-        (Ok(_), Some(Ok(_)), _) => (status::OK, None),
+fn grasp_record(
+    template: &Record,
+    truth: &Truth,
+    answer: &GraspAnswer,
+    answers: usize,
+    rig: &Rig,
+) -> Record {
+    let (status, reason) = match answer {
+        GraspAnswer::NoTarget(reason) => (status::NO_TARGET, Some(reason.name())),
+        GraspAnswer::NoCorner => (status::NO_CORNER, None),
+        GraspAnswer::NoFace(reason) => (status::NO_FACE, Some(reason.name())),
+        GraspAnswer::NoRange(_, reason) => (status::NO_RANGE, Some(reason.name())),
+        GraspAnswer::Grasp(..) => (status::OK, None),
     };
     let index = |face: &TrueFace| i32::try_from(face.index).ok();
     let best = truth.least_occluded_face();
@@ -84,16 +152,16 @@ fn grasp_record(template: &Record, truth: &Truth, answers: &Answers, rig: &Rig) 
         kind: kind::GRASP.to_owned(),
         status: status.to_owned(),
         reason: reason.map(str::to_owned),
-        answers: i32::try_from(answers.corners.len()).ok(),
+        answers: i32::try_from(answers).ok(),
         least_occluded_face: best.and_then(index),
         ..template.clone()
     };
-    let Some(Ok(face)) = &answers.face else { return record };
+    let Some(face) = answer.face() else { return record };
     let chosen = covered_face(truth, &face.corners);
     record.chosen_face = chosen.and_then(index);
     record.face_is_right = Some(chosen.is_some_and(|face| truth.is_least_occluded(face)));
     record.face_gap_fraction = Some(face.gap_fraction);
-    let Some(Ok(grasp)) = &answers.grasp else { return record };
+    let GraspAnswer::Grasp(_, grasp) = answer else { return record };
     record.grasp_x_px = Some(grasp.image_point.x);
     record.grasp_y_px = Some(grasp.image_point.y);
     record.grasp_world_x_m = Some(grasp.point_in_world.x);
@@ -117,8 +185,8 @@ pub(super) fn sketch(
     answers: &Answers,
     depth_range_m: [f64; 2],
 ) -> Sketch {
-    let region = answers.region.as_ref().ok();
-    let face = answers.face.as_ref().and_then(|face| face.as_ref().ok());
+    let region = answers.region.as_ref().and_then(|region| region.as_ref().ok());
+    let face = answers.grasp.as_ref().and_then(GraspAnswer::face);
     let meant = face
         .and_then(|face| covered_face(truth, &face.corners))
         .or_else(|| truth.least_occluded_face());
@@ -143,10 +211,9 @@ pub(super) fn sketch(
         }),
         target_pixels: whole(region.map_or(0, |region| region.pixels)),
         face: face.map(|face| face.corners),
-        grasp: answers
-            .grasp
-            .as_ref()
-            .and_then(|grasp| grasp.as_ref().ok())
-            .map(|grasp| grasp.image_point),
+        grasp: match &answers.grasp {
+            Some(GraspAnswer::Grasp(_, grasp)) => Some(grasp.image_point),
+            _ => None,
+        },
     }
 }

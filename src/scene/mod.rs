@@ -12,7 +12,7 @@ mod truth;
 pub use dataset::{Dataset, FORMAT, Renderer, Scene, sha256_hex};
 pub use description::{Description, FilmDescription, Lens, Split, TargetDescription, TargetKind};
 pub use film::{Coverage, Film};
-pub use geometry::{Geometry, NO_FACE, RangeRays};
+pub use geometry::{Geometry, NO_FACE, RangeRays, Surface};
 pub use truth::{
     Cause, EdgeAtCorner, EdgeEnd, FaceAtCorner, FalseJunction, IntervalEnd, SeenInterval,
     TrueCorner, TrueEdge, TrueFace, Truth, Visibility, polygon_area_px2,

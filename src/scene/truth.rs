@@ -1,8 +1,9 @@
 //! `truth.json`: what is true of a scene.
 
+use nalgebra::{Point3, Vector2};
 use serde::{Deserialize, Serialize};
 
-use crate::geometry::{Camera, ImagePoint};
+use crate::geometry::{Camera, ImagePoint, Pose};
 use crate::junction::Junction;
 
 /// Corners, edges and faces of the target, as projected and as seen.
@@ -66,6 +67,43 @@ pub struct TrueCorner {
     pub blur_px: f64,
     /// Root mean square error of the corner's place that the render's noise alone enforces \[px\].
     pub render_noise_floor_px: Option<f64>,
+}
+
+impl TrueCorner {
+    /// How far its second longest edge is seen from it \[px\]: what is left of a corner whose other edges
+    /// are hidden; 0 where fewer than two are seen.
+    pub fn second_edge_px(&self) -> f64 {
+        second_largest(self.edges.iter().map(|edge| edge.visible_length_px)).unwrap_or(0.0)
+    }
+
+    /// The smallest angle between two of its edges that are seen for `least_edge_px` or more \[degrees\];
+    /// `None` of fewer than two.
+    pub fn smallest_angle_deg(&self, least_edge_px: f64) -> Option<f64> {
+        let directions: Vec<Vector2<f64>> = self
+            .edges
+            .iter()
+            .filter(|edge| edge.visible_length_px >= least_edge_px)
+            .map(|edge| Vector2::from(edge.direction))
+            .collect();
+        let pairs = directions
+            .iter()
+            .enumerate()
+            .flat_map(|(index, a)| directions[index + 1..].iter().map(move |b| a.angle(b)));
+        pairs.min_by(f64::total_cmp).map(f64::to_degrees)
+    }
+
+    /// The second largest contrast of its edges, as radiance: of each edge that of the channel in which it
+    /// is largest. Two edges make a corner, so this is what it is seen by. `None` of fewer than two.
+    pub fn second_contrast(&self) -> Option<f64> {
+        let of_edge = |contrast: [f64; 3]| contrast.into_iter().map(f64::abs).fold(0.0, f64::max);
+        second_largest(self.edges.iter().filter_map(|edge| edge.contrast).map(of_edge))
+    }
+}
+
+fn second_largest(values: impl Iterator<Item = f64>) -> Option<f64> {
+    let mut values: Vec<f64> = values.collect();
+    values.sort_by(|a, b| b.total_cmp(a));
+    values.get(1).copied()
 }
 
 /// An edge as it is seen from one of its ends.
@@ -207,6 +245,19 @@ pub struct TrueFace {
     pub extent_m: [f64; 2],
 }
 
+impl Cause {
+    /// The name used in files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::T => "T",
+            Self::Shadow => "shadow",
+            Self::Texture => "texture",
+            Self::Distractor => "distractor",
+            Self::Room => "room",
+        }
+    }
+}
+
 impl Truth {
     /// The same truth in the image of another camera at the same place, which may distort: all places
     /// and directions in the image. A corner beyond its frame is outside. Places are those of `film`'s
@@ -244,6 +295,39 @@ impl Truth {
             junction.image_point_px = moved(junction.image_point_px);
         }
         seen
+    }
+
+    /// What is seen of the edges, as lines of points not much more than `step_px` apart in the image of a
+    /// camera of this pose \[px\].
+    pub fn seen_edges(
+        &self,
+        camera: &Camera,
+        world_from_camera: &Pose,
+        step_px: f64,
+    ) -> Vec<Vec<ImagePoint>> {
+        let position = |corner: usize| {
+            world_from_camera
+                .inverse_transform_point(&Point3::from(self.corners[corner].position_m))
+        };
+        let mut lines = Vec::new();
+        for edge in &self.edges {
+            let [from, to] = edge.corners.map(position);
+            let at = |share: f64| camera.project(&(from + (to - from) * share));
+            for seen in &edge.visible {
+                let (Some(start), Some(end)) = (at(seen.start), at(seen.end)) else { continue };
+                #[allow(
+                    clippy::cast_possible_truncation,
+                    clippy::cast_sign_loss,
+                    reason = "clamped"
+                )]
+                let steps = (start.distance_px(end) / step_px).ceil().clamp(1.0, 1e4) as u32;
+                let share = |step: u32| {
+                    seen.start + (seen.end - seen.start) * f64::from(step) / f64::from(steps)
+                };
+                lines.push((0..=steps).filter_map(|step| at(share(step))).collect());
+            }
+        }
+        lines
     }
 
     /// The projected corners of a face \[px\].

@@ -13,6 +13,7 @@ pub struct Kernel {
     weights: Weights,
     phase_px: [f64; 2],
     centroid_px: [f64; 2],
+    blur_px: f64,
 }
 
 #[derive(Clone, Debug)]
@@ -61,11 +62,14 @@ impl Kernel {
             }
         });
         matrix /= matrix.sum();
-        let mut moment = [0.0, 0.0];
+        let (mut moment, mut moment2) = ([0.0, 0.0], 0.0);
         for (row, line) in matrix.row_iter().enumerate() {
             for (column, weight) in line.iter().enumerate() {
-                moment[0] += weight * (first[0] as f64 + column as f64 + 0.5 - centre[0]);
-                moment[1] += weight * (first[1] as f64 + row as f64 + 0.5 - centre[1]);
+                let x = first[0] as f64 + column as f64 + 0.5 - centre[0];
+                let y = first[1] as f64 + row as f64 + 0.5 - centre[1];
+                moment[0] += weight * x;
+                moment[1] += weight * y;
+                moment2 += weight * (x * x + y * y);
             }
         }
         #[allow(clippy::cast_possible_truncation, reason = "weights are kept as f32")]
@@ -85,7 +89,10 @@ impl Kernel {
             Weights::Rows(rows.collect())
         };
         let centroid_px = moment.map(|value| value / oversampling as f64);
-        Self { oversampling, first, weights, phase_px, centroid_px }
+        // Within a cell the film is constant: that, too, blurs.
+        let variance = 0.5 * (moment2 - moment[0].powi(2) - moment[1].powi(2)) + 1.0 / 12.0;
+        let blur_px = variance.max(0.0).sqrt() / oversampling as f64;
+        Self { oversampling, first, weights, phase_px, centroid_px, blur_px }
     }
 
     /// Where in the film's image the centre of pixel (0, 0) is \[px\].
@@ -96,6 +103,11 @@ impl Kernel {
     /// Centroid of blur and aperture, from the pixel's centre \[px\]: zero but for rounding.
     pub fn centroid_px(&self) -> [f64; 2] {
         self.centroid_px
+    }
+
+    /// Standard deviation of blur, pixel area and film cell along one axis, the mean of both \[px\].
+    pub fn blur_px(&self) -> f64 {
+        self.blur_px
     }
 
     /// Columns and rows of cells that count.

@@ -11,7 +11,7 @@ const LAYERS: &[&[&str]] = &[
     &["scene"],
     &["sensor"],
     &["target", "detect", "refine", "grasp"],
-    &["matching", "metrics", "convention", "export"],
+    &["bound", "matching", "metrics", "convention", "export"],
     &["plan", "run", "record"],
     &["report"],
     &["cli"],
