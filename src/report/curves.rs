@@ -6,7 +6,8 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use crate::error::{Error, Result};
 use crate::report::detection::Sweep;
-use crate::report::summary::MethodSummary;
+use crate::report::summary::{MethodSummary, Summary};
+use crate::report::words::by_average_precision;
 
 const COLUMNS: usize = 4;
 const PANEL_PX: [u32; 2] = [260, 230];
@@ -15,11 +16,12 @@ const OWN: RGBColor = RGBColor(0, 84, 159);
 const BEST: RGBColor = RGBColor(200, 30, 30);
 
 /// Draws the curves of all methods over the share of the strongest response, as an SVG: each in a panel of
-/// its own, those of the others behind it in grey, a dot where the harmonic mean is largest.
+/// its own, the best first, those of the others behind it in grey, a dot where the harmonic mean is largest.
 ///
 /// # Errors
 /// [`Error::Other`] from the drawing library.
-pub(super) fn draw(methods: &[MethodSummary]) -> Result<String> {
+pub(super) fn draw(summary: &Summary) -> Result<String> {
+    let methods = by_average_precision(summary);
     let rows = methods.len().div_ceil(COLUMNS).max(1);
     let columns = methods.len().clamp(1, COLUMNS);
     let count = |value: usize| u32::try_from(value).unwrap_or(u32::MAX);
@@ -31,8 +33,8 @@ pub(super) fn draw(methods: &[MethodSummary]) -> Result<String> {
     {
         let root = SVGBackend::with_string(&mut text, size).into_drawing_area();
         root.fill(&WHITE).map_err(failed)?;
-        for (panel, method) in root.split_evenly((rows, columns)).iter().zip(methods) {
-            draw_panel(panel, method, methods).map_err(failed)?;
+        for (panel, method) in root.split_evenly((rows, columns)).iter().zip(&methods) {
+            draw_panel(panel, method, &methods).map_err(failed)?;
         }
         root.present().map_err(failed)?;
     }
@@ -43,7 +45,11 @@ type Panel<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 type Outcome<'a> =
     std::result::Result<(), DrawingAreaErrorKind<<SVGBackend<'a> as DrawingBackend>::ErrorType>>;
 
-fn draw_panel<'a>(panel: &Panel<'a>, method: &MethodSummary, all: &[MethodSummary]) -> Outcome<'a> {
+fn draw_panel<'a>(
+    panel: &Panel<'a>,
+    method: &MethodSummary,
+    all: &[&MethodSummary],
+) -> Outcome<'a> {
     let own = &method.detection.sweeps[0];
     let name = format!("{}: {:.2}", method.method, own.average_precision);
     let mut chart = ChartBuilder::on(panel)

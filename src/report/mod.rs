@@ -33,7 +33,7 @@ pub fn write(folder: &Path) -> Result<(Summary, PathBuf)> {
 
     let report = folder.join("report");
     replace_folder(&report)?;
-    write_text(&report.join("precision-recall.svg"), &curves::draw(&summary.methods)?)?;
+    write_text(&report.join("precision-recall.svg"), &curves::draw(&summary)?)?;
     let mut sections = Vec::new();
     for method in summary.methods.iter().filter(|method| method.grasps.is_some()) {
         for scene in &method.scenes {

@@ -144,7 +144,8 @@ pub fn comparison(summary: &Summary) -> Words {
     Words { header: header.map(str::to_owned).to_vec(), rows: rows.collect() }
 }
 
-fn by_average_precision(summary: &Summary) -> Vec<&MethodSummary> {
+/// The methods, the best average precision first.
+pub(super) fn by_average_precision(summary: &Summary) -> Vec<&MethodSummary> {
     let mut methods: Vec<&MethodSummary> = summary.methods.iter().collect();
     let score = |method: &MethodSummary| method.detection.sweeps[0].average_precision;
     methods.sort_by(|a, b| score(b).total_cmp(&score(a)));
