@@ -24,11 +24,9 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::detect::jet::{Derivatives, Jet, MeasureJet};
-use crate::detect::peaks::{Equals, detect_peaks};
-use crate::detect::{Detection, Detector, Peaks, Scratch};
+use crate::detect::peaks::{PeakDetector, Response};
+use crate::detect::{Detector, Peaks};
 use crate::registry::{Entry, defaults, parameters, schema};
-use crate::sensor::Exposure;
-use crate::target::TargetRegion;
 use crate::vector::Real;
 
 /// The registry's line.
@@ -64,15 +62,12 @@ impl MeasureJet for HessianDeterminant {
     }
 }
 
-impl Detector for HessianDeterminant {
-    fn detect_into(
-        &self,
-        exposure: &Exposure,
-        region: Option<&TargetRegion>,
-        scratch: &mut Scratch,
-        found: &mut Vec<Detection>,
-    ) {
-        let response = self.jet.measured(self);
-        detect_peaks(&response, &self.peaks, Equals::First, exposure, region, scratch, found);
+impl PeakDetector for HessianDeterminant {
+    fn response(&self) -> impl Response {
+        self.jet.measured(self)
+    }
+
+    fn peaks(&self) -> &Peaks {
+        &self.peaks
     }
 }

@@ -77,10 +77,6 @@ impl<M: MeasureJet> Response for MeasuredJet<'_, M> {
         self.kernels[0].radius()
     }
 
-    fn border(&self) -> usize {
-        self.kernels[0].radius()
-    }
-
     fn respond(
         &self,
         exposure: &Exposure,

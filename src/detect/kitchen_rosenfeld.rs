@@ -22,11 +22,9 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::detect::jet::{Derivatives, Jet, MeasureJet};
-use crate::detect::peaks::{Equals, detect_peaks};
-use crate::detect::{Detection, Detector, Peaks, Scratch};
+use crate::detect::peaks::{PeakDetector, Response};
+use crate::detect::{Detector, Peaks};
 use crate::registry::{Entry, defaults, parameters, schema};
-use crate::sensor::Exposure;
-use crate::target::TargetRegion;
 use crate::vector::Real;
 
 /// The registry's line.
@@ -61,15 +59,12 @@ impl MeasureJet for KitchenRosenfeld {
     }
 }
 
-impl Detector for KitchenRosenfeld {
-    fn detect_into(
-        &self,
-        exposure: &Exposure,
-        region: Option<&TargetRegion>,
-        scratch: &mut Scratch,
-        found: &mut Vec<Detection>,
-    ) {
-        let response = self.jet.measured(self);
-        detect_peaks(&response, &self.peaks, Equals::First, exposure, region, scratch, found);
+impl PeakDetector for KitchenRosenfeld {
+    fn response(&self) -> impl Response {
+        self.jet.measured(self)
+    }
+
+    fn peaks(&self) -> &Peaks {
+        &self.peaks
     }
 }

@@ -23,12 +23,10 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::detect::peaks::{Equals, detect_peaks};
+use crate::detect::peaks::{PeakDetector, Response};
 use crate::detect::tensor::{Measure, StructureTensor};
-use crate::detect::{Detection, Detector, Peaks, Scratch};
+use crate::detect::{Detector, Peaks};
 use crate::registry::{Entry, defaults, parameters, schema};
-use crate::sensor::Exposure;
-use crate::target::TargetRegion;
 use crate::vector::Real;
 
 /// The registry's line.
@@ -62,15 +60,12 @@ impl Measure for ShiTomasi {
     }
 }
 
-impl Detector for ShiTomasi {
-    fn detect_into(
-        &self,
-        exposure: &Exposure,
-        region: Option<&TargetRegion>,
-        scratch: &mut Scratch,
-        found: &mut Vec<Detection>,
-    ) {
-        let response = self.tensor.measured(self);
-        detect_peaks(&response, &self.peaks, Equals::First, exposure, region, scratch, found);
+impl PeakDetector for ShiTomasi {
+    fn response(&self) -> impl Response {
+        self.tensor.measured(self)
+    }
+
+    fn peaks(&self) -> &Peaks {
+        &self.peaks
     }
 }
