@@ -273,17 +273,25 @@ impl StructureTensor {
 
     /// A measure of it as a response.
     pub(super) fn measured<'a, M: Measure>(&self, measure: &'a M) -> Measured<'a, M> {
-        let (channel, oversampling) = (self.channel, self.oversampling);
-        Measured { channel, oversampling, kernels: self.kernels(), measure }
+        let kernels = self.kernels();
+        Measured {
+            channel: self.channel,
+            oversampling: self.oversampling,
+            border: kernels.window.radius(),
+            kernels,
+            measure,
+        }
     }
 }
 
 /// A measure of the tensor at every sample of an exposure.
 pub(super) struct Measured<'a, M> {
-    channel: Channel,
-    oversampling: u32,
-    kernels: TensorKernels,
-    measure: &'a M,
+    pub(super) channel: Channel,
+    pub(super) oversampling: u32,
+    /// How near to the image's edges no sample is searched, in samples.
+    pub(super) border: usize,
+    pub(super) kernels: TensorKernels,
+    pub(super) measure: &'a M,
 }
 
 impl<M: Measure> Response for Measured<'_, M> {
@@ -296,7 +304,7 @@ impl<M: Measure> Response for Measured<'_, M> {
     }
 
     fn border(&self) -> usize {
-        self.kernels.window.radius()
+        self.border
     }
 
     fn respond(
