@@ -316,11 +316,7 @@ impl pulp::WithSimd for Strongest<'_> {
         while x < samples.len() {
             // The last vector overlaps the one before; of a row shorter than one, lanes are 0.
             let first = x.min(samples.len().saturating_sub(S::F32_LANES));
-            strongest = strongest.max(if samples.len() < S::F32_LANES {
-                Lanes::load_part(simd, samples, first)
-            } else {
-                Lanes::load(simd, samples, first)
-            });
+            strongest = strongest.max(Lanes::load_part(simd, samples, first));
             x = first + S::F32_LANES;
         }
         strongest.largest()
