@@ -24,8 +24,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::detect::peaks::{PeakDetector, Response, ResponseMemory};
-use crate::detect::tensor::Shade;
-use crate::detect::{Detector, Peaks};
+use crate::detect::{Detector, Peaks, Shade};
 use crate::image::{PixelRange, Plane, View};
 use crate::registry::{Entry, defaults, parameters, schema};
 use crate::sensor::Exposure;

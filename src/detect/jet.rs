@@ -4,8 +4,8 @@ use pulp::Simd;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::detect::Channel;
 use crate::detect::peaks::{Response, ResponseMemory};
-use crate::detect::tensor::Channel;
 use crate::filter::{Border, ImageRows, Kernel, grown};
 use crate::image::{PixelRange, Plane, View};
 use crate::sensor::Exposure;

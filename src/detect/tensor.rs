@@ -10,6 +10,7 @@ use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::detect::Channel;
 use crate::detect::peaks::{Response, ResponseMemory};
 use crate::filter::{Border, Kernel};
 use crate::image::{PixelRange, Plane, View};
@@ -54,47 +55,6 @@ impl Default for StructureTensor {
             box_radius_px: 1,
             oversampling: 1,
             border: Border::Replicate,
-        }
-    }
-}
-
-/// What of an exposure is differentiated.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum Channel {
-    /// The luma.
-    #[default]
-    Luma,
-    /// Red alone.
-    Red,
-    /// Red less the mean of green and blue: how saturated a red is.
-    RedDifference,
-    /// Red, green and blue: the sum of their tensors, each weighted by the inverse of its noise's
-    /// variance at half of full scale, the weights' mean being 1. Di Zenzo (1986), A note on the
-    /// gradient of a multi-image, Computer Vision, Graphics, and Image Processing 33.
-    Colour,
-}
-
-/// What of an exposure is looked at, where it must be one number per pixel.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum Shade {
-    /// The luma.
-    #[default]
-    Luma,
-    /// Red alone.
-    Red,
-    /// Red less the mean of green and blue: how saturated a red is.
-    RedDifference,
-}
-
-impl Shade {
-    /// Its plane \[DN\].
-    pub fn plane(self, exposure: &Exposure) -> &Plane<f32> {
-        match self {
-            Self::Luma => exposure.luma(),
-            Self::Red => &exposure.rgb()[0],
-            Self::RedDifference => exposure.red_difference(),
         }
     }
 }
@@ -315,8 +275,8 @@ impl<M: Measure> Response for Measured<'_, M> {
         response: &mut Plane<f32>,
     ) {
         let ResponseMemory { planes, row, tensor } = memory;
-        // Luma only until it is overwritten: a view needs something to look at.
-        let mut weighted = [(exposure.luma().view(), 0.0); 3];
+        // Red only until it is overwritten: a view needs something to look at.
+        let mut weighted = [(exposure.rgb()[0].view(), 0.0); 3];
         let mut count = 0;
         for (plane, (source, weight)) in
             planes.iter_mut().zip(self.channel.planes(exposure).into_iter().flatten())
@@ -332,27 +292,6 @@ impl<M: Measure> Response for Measured<'_, M> {
         }
         response.resize(range.width(), range.height(), 0.0);
         self.kernels.response(&weighted[..count], tensor, self.measure, response);
-    }
-}
-
-impl Channel {
-    /// The planes that are differentiated, and their tensors' weights.
-    pub(super) fn planes(self, exposure: &Exposure) -> [Option<(&Plane<f32>, f32)>; 3] {
-        let [red, green, blue] = exposure.rgb();
-        let alone = |plane| [Some((plane, 1.0)), None, None];
-        match self {
-            Self::Luma => alone(exposure.luma()),
-            Self::Red => alone(red),
-            Self::RedDifference => alone(exposure.red_difference()),
-            Self::Colour => {
-                let half = 0.5 * exposure.encoding().full_scale_dn();
-                let certainty = [0, 1, 2].map(|c| 1.0 / exposure.variance_dn2(c, half));
-                let mean = certainty.iter().sum::<f64>() / 3.0;
-                #[allow(clippy::cast_possible_truncation, reason = "some size near 1")]
-                let weight = certainty.map(|value| (value / mean) as f32);
-                [(red, weight[0]), (green, weight[1]), (blue, weight[2])].map(Some)
-            }
-        }
     }
 }
 
