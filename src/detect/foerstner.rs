@@ -9,11 +9,12 @@
 //!               those of the structure tensor (tensor.rs: channel, derivative, window, scales,
 //!               oversampling, border) and of peaks (peaks.rs: thresholds, the strongest so many,
 //!               suppression radius, margin around a region)
-//! # Output      whole-pixel maxima, strongest first, equals by row, then column; response
-//!               w in DN^2/px^2.
+//! # Output      maxima at whole pixels, with oversampling 2 at half ones, strongest first, equals by
+//!               row, then column; response w in DN^2/px^2.
 //! # Border      the image continues outwards as `border` says, then the products do; no candidate
 //!               nearer to an edge than the window reaches, ceil(3 sigma_i) px of a Gaussian.
-//! # Cost        O(pixels searched); one plane and 6 ceil(3 sigma_i) rows of f32.
+//! # Cost        O(pixels searched); one plane of f32 and rows of 192 columns, 6 ceil(3 sigma_i) of a
+//!               Gaussian.
 //! # Departures  Theirs thresholds w by its mean or median over the image; ours by its maximum. The
 //!               estimate of the point within the window is a refiner's here.
 //! # Source      Förstner & Gülch, ISPRS Intercommission Workshop 1987, A fast operator for detection
@@ -33,7 +34,7 @@ use crate::vector::Real;
 /// The registry's line.
 pub const ENTRY: Entry<dyn Detector> = Entry {
     name: "foerstner",
-    summary: "maxima of precision det M / tr M where M is round, Gaussian window",
+    summary: "maxima of precision det M / tr M where M is round",
     reference: "Förstner & Gülch 1987, weight w and roundness q",
     version: 1,
     defaults: defaults::<Foerstner>,

@@ -14,7 +14,7 @@
 //! # Output      whole pixels, strongest first, equals by row, then column, the last one first, as
 //!               OpenCV's; response lambda in DN^2/px^2: OpenCV's times 255^2 / 4.
 //! # Border      reflected about its border pixels; none of these is a candidate.
-//! # Cost        O(pixels searched); one plane and some rows of f32.
+//! # Cost        O(pixels searched); one plane of f32 and one of a byte.
 //! # Departures  A region is searched as if it were a mask. Lambda is rounded otherwise than OpenCV's:
 //!               points of equal strength to 1e-6 may change places.
 //! # Source      Shi & Tomasi, CVPR 1994; OpenCV, modules/imgproc/src/featureselect.cpp, as documented

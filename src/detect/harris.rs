@@ -10,11 +10,13 @@
 //!               those of the structure tensor (tensor.rs: channel, derivative, window, scales,
 //!               oversampling, border) and of peaks (peaks.rs: thresholds, the strongest so many,
 //!               suppression radius, margin around a region)
-//! # Output      whole-pixel maxima of R, strongest first, equals by row, then column; response in
-//!               DN^4/px^4, not comparable across detectors, bit depths or derivatives.
+//! # Output      maxima of R at whole pixels, with oversampling 2 at half ones, strongest first, equals
+//!               by row, then column; response in DN^4/px^4, not comparable across detectors, bit depths
+//!               or derivatives.
 //! # Border      the image continues outwards as `border` says, then the products do; no candidate
 //!               nearer to an edge than the window reaches, ceil(3 sigma_i) px of a Gaussian.
-//! # Cost        O(pixels searched); one plane and 6 ceil(3 sigma_i) rows of f32.
+//! # Cost        O(pixels searched); one plane of f32 and rows of 192 columns, 6 ceil(3 sigma_i) of a
+//!               Gaussian.
 //! # Departures  The paper says "Gaussian window" but gives neither its sigma nor the derivative:
 //!               central differences (Harris & Stephens' (-1, 0, 1), halved to be a slope) and
 //!               sigma_i = 1.5 are our choice. Its threshold T is absolute and not stated; ours is
@@ -39,7 +41,7 @@ use crate::vector::Real;
 /// The registry's line.
 pub const ENTRY: Entry<dyn Detector> = Entry {
     name: "harris",
-    summary: "maxima of det M - k (tr M)^2, Gaussian window",
+    summary: "maxima of det M - k (tr M)^2",
     reference: "Harris & Stephens 1988, corner response function",
     version: 2,
     defaults: defaults::<Harris>,

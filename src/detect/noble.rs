@@ -8,12 +8,13 @@
 //! # Parameters  those of the structure tensor (tensor.rs: channel, derivative, window, scales,
 //!               oversampling, border) and of peaks (peaks.rs: thresholds, the strongest so many,
 //!               suppression radius, margin around a region)
-//! # Output      whole-pixel maxima, strongest first, equals by row, then column; response in
-//!               DN^2/px^2.
+//! # Output      maxima at whole pixels, with oversampling 2 at half ones, strongest first, equals by
+//!               row, then column; response in DN^2/px^2.
 //! # Border      the image continues outwards as `border` says, then the products do; no candidate
 //!               nearer to an edge than the window reaches, ceil(3 sigma_i) px of a Gaussian.
-//! # Cost        O(pixels searched); one plane and 6 ceil(3 sigma_i) rows of f32.
-//! # Departures  none in the formula; the window is a Gaussian.
+//! # Cost        O(pixels searched); one plane of f32 and rows of 192 columns, 6 ceil(3 sigma_i) of a
+//!               Gaussian.
+//! # Departures  none in the formula; the window is a Gaussian by default.
 //! # Source      Noble, Image and Vision Computing 6(2), 1988, Finding corners: the ratio of
 //!               determinant and trace. Brown, Szeliski & Winder, CVPR 2005, name it the harmonic mean.
 //! # Checked by  tests/it/contract.rs (all), tests/it/oracle.rs::measures_of_the_tensor_match_direct_sums
@@ -31,7 +32,7 @@ use crate::vector::Real;
 /// The registry's line.
 pub const ENTRY: Entry<dyn Detector> = Entry {
     name: "noble",
-    summary: "maxima of det M / tr M, Gaussian window",
+    summary: "maxima of det M / tr M",
     reference: "Noble 1988, ratio of determinant and trace",
     version: 1,
     defaults: defaults::<Noble>,

@@ -66,7 +66,8 @@ pub enum Window {
     /// A Gaussian at `sigma_i`.
     #[default]
     Gaussian,
-    /// A square of `2 box_radius_px + 1`, all of it alike.
+    /// A square, all of it alike: `2 box_radius_px + 1` wide, `2 box_radius_px + 1/2` with oversampling
+    /// 2 \[px\].
     Box,
 }
 
@@ -141,11 +142,16 @@ impl TensorKernels {
         self.derivative[0].radius().max(self.derivative[1].radius())
     }
 
-    /// A measure of the tensor at every pixel of an image, which is the sum of weighted `planes` of the
-    /// response's size \[DN\].
+    /// A measure of the tensor at every pixel of an image: of the sum of its `planes`' tensors, each
+    /// with its weight \[DN\].
     ///
-    /// Memory beside input and output: some rows for each thread. Large images are done by all threads
-    /// of the pool; every response has the same bits on one and on many.
+    /// Memory beside input and output: some rows for each block of rows. Large images are done by all
+    /// threads of the pool; every response has the same bits on one and on many. With kernels of three
+    /// taps an image narrower than 20 columns, or lower than 5 rows, is computed otherwise: a crop so
+    /// small may differ from the whole in the last bits.
+    ///
+    /// # Panics
+    /// Of no planes, and of one that has not the response's size: a mistake of the caller's code.
     pub fn response<M: Measure>(
         &self,
         planes: &[(View<'_, f32>, f32)],
@@ -154,6 +160,9 @@ impl TensorKernels {
         response: &mut Plane<f32>,
     ) {
         let (width, height) = (response.width(), response.height());
+        let fits =
+            |(plane, _): &(View<'_, f32>, f32)| (plane.width(), plane.height()) == (width, height);
+        assert!(!planes.is_empty() && planes.iter().all(fits), "planes of {width} x {height}");
         if width == 0 || height == 0 {
             return;
         }
