@@ -19,7 +19,7 @@
 //! # Source      Rosten & Drummond, ECCV 2006, Machine learning for high-speed corner detection;
 //!               Rosten, Porter & Drummond, PAMI 32(1), 2010.
 //! # Checked by  tests/it/contract.rs (all), tests/it/opencv.rs::detectors_equal_opencv (the same set),
-//!               tests/it/oracle.rs::fast_matches_its_definition
+//!               tests/it/responses.rs::fast_matches_its_definition
 //! ```
 
 use schemars::JsonSchema;

@@ -19,7 +19,8 @@
 //!               estimate of the point within the window is a refiner's here.
 //! # Source      Förstner & Gülch, ISPRS Intercommission Workshop 1987, A fast operator for detection
 //!               and precise location of distinct points, corners and circular features, w and q.
-//! # Checked by  tests/it/contract.rs (all), tests/it/oracle.rs::measures_of_the_tensor_match_direct_sums
+//! # Checked by  tests/it/contract.rs (all),
+//!               tests/it/responses.rs::measures_of_the_tensor_match_direct_sums
 //! ```
 
 use schemars::JsonSchema;

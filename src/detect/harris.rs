@@ -25,7 +25,8 @@
 //!               floats: OpenCV scales slopes by 1 / 255, and neither they nor the box are normalised.
 //! # Source      Harris & Stephens, Alvey Vision Conference 1988, corner response function; the
 //!               paper's equations 1 to 3.
-//! # Checked by  tests/it/contract.rs (all), tests/it/oracle.rs::measures_of_the_tensor_match_direct_sums
+//! # Checked by  tests/it/contract.rs (all),
+//!               tests/it/responses.rs::measures_of_the_tensor_match_direct_sums
 //!               (to 1e-5 of the largest |R|), harris_on_a_region_equals_harris_on_the_image (to the bit)
 //! ```
 

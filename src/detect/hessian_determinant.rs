@@ -17,7 +17,8 @@
 //!               makes scales comparable (Lindeberg 1998). Saddles, whose DET is negative, are no
 //!               corners: an X has none at its centre.
 //! # Source      Beaudet, Rotationally invariant image operators, ICPR 1978.
-//! # Checked by  tests/it/contract.rs (all), tests/it/oracle.rs::measures_of_derivatives_match_direct_sums
+//! # Checked by  tests/it/contract.rs (all),
+//!               tests/it/responses.rs::measures_of_derivatives_match_direct_sums
 //! ```
 
 use schemars::JsonSchema;

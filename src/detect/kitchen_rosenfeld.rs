@@ -15,7 +15,8 @@
 //! # Departures  Their derivatives are of 3 x 3 pixels; Gaussian ones here. 1e-6 DN^2/px^2 beside the
 //!               squared gradient makes flat places 0. They suppress along the gradient; ours in a square.
 //! # Source      Kitchen & Rosenfeld, Gray-level corner detection, Pattern Recognition Letters 1(2), 1982.
-//! # Checked by  tests/it/contract.rs (all), tests/it/oracle.rs::measures_of_derivatives_match_direct_sums
+//! # Checked by  tests/it/contract.rs (all),
+//!               tests/it/responses.rs::measures_of_derivatives_match_direct_sums
 //! ```
 
 use schemars::JsonSchema;

@@ -17,7 +17,8 @@
 //! # Departures  none in the formula; the window is a Gaussian by default.
 //! # Source      Noble, Image and Vision Computing 6(2), 1988, Finding corners: the ratio of
 //!               determinant and trace. Brown, Szeliski & Winder, CVPR 2005, name it the harmonic mean.
-//! # Checked by  tests/it/contract.rs (all), tests/it/oracle.rs::measures_of_the_tensor_match_direct_sums
+//! # Checked by  tests/it/contract.rs (all),
+//!               tests/it/responses.rs::measures_of_the_tensor_match_direct_sums
 //! ```
 
 use schemars::JsonSchema;

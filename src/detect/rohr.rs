@@ -16,7 +16,8 @@
 //!               the same.
 //! # Source      Rohr, Image and Vision Computing 5(2), 1987; Rohr (1994), Localization properties
 //!               of direct corner detectors, Journal of Mathematical Imaging and Vision 4, table of operators.
-//! # Checked by  tests/it/contract.rs (all), tests/it/oracle.rs::measures_of_the_tensor_match_direct_sums
+//! # Checked by  tests/it/contract.rs (all),
+//!               tests/it/responses.rs::measures_of_the_tensor_match_direct_sums
 //! ```
 
 use schemars::JsonSchema;

@@ -19,7 +19,8 @@
 //!               derivative "sobel", window "box" and border "reflect" lambda is
 //!               cv2.cornerMinEigenVal(picture, 3) times 255^2 / 4 of 8 bits, times 1 / 4 of floats.
 //! # Source      Shi & Tomasi, CVPR 1994, Good features to track, section 4: min(l1, l2) > l.
-//! # Checked by  tests/it/contract.rs (all), tests/it/oracle.rs::measures_of_the_tensor_match_direct_sums
+//! # Checked by  tests/it/contract.rs (all),
+//!               tests/it/responses.rs::measures_of_the_tensor_match_direct_sums
 //! ```
 
 use schemars::JsonSchema;

@@ -19,7 +19,7 @@
 //!               suppresses in 5 x 5 pixels; ours in 7 x 7, as their program does by default.
 //! # Source      Smith & Brady, SUSAN - A new approach to low level image processing, International
 //!               Journal of Computer Vision 23(1), 1997, equations 4, 2 and section 4.
-//! # Checked by  tests/it/contract.rs (all), tests/it/oracle.rs::susan_matches_its_definition
+//! # Checked by  tests/it/contract.rs (all), tests/it/responses.rs::susan_matches_its_definition
 //! ```
 
 use schemars::JsonSchema;

@@ -16,5 +16,6 @@ mod oracle;
 mod python;
 mod range_sensors;
 mod rendering;
+mod responses;
 mod setup;
 mod support;
