@@ -253,10 +253,11 @@ fn weigh<S: Simd>(simd: S, taps: &[f32], rows: &impl Rows, out: &mut [f32]) {
         x = last_vector::<S>(x, out.len());
         let mut sum = Lanes::splat(simd, 0.0);
         for (k, &tap) in taps.iter().enumerate() {
-            let samples = load(simd, &rows.row(k)[..out.len()], x);
+            let samples = Lanes::load_part(simd, &rows.row(k)[..out.len()], x);
             sum = Lanes::splat(simd, tap).mul_add(samples, sum);
         }
-        x = store(sum, out, x);
+        sum.store_part(out, x);
+        x += S::F32_LANES;
     }
 }
 
@@ -264,25 +265,6 @@ fn weigh<S: Simd>(simd: S, taps: &[f32], rows: &impl Rows, out: &mut [f32]) {
 #[inline(always)]
 fn last_vector<S: Simd>(x: usize, count: usize) -> usize {
     x.min(count.saturating_sub(S::F32_LANES))
-}
-
-#[inline(always)]
-fn load<S: Simd>(simd: S, samples: &[f32], first: usize) -> Lanes<S> {
-    if samples.len() - first >= S::F32_LANES {
-        Lanes::load(simd, samples, first)
-    } else {
-        Lanes::load_part(simd, samples, first)
-    }
-}
-
-#[inline(always)]
-fn store<S: Simd>(values: Lanes<S>, samples: &mut [f32], first: usize) -> usize {
-    if samples.len() - first >= S::F32_LANES {
-        values.store(samples, first);
-    } else {
-        values.store_part(samples, first);
-    }
-    first + S::F32_LANES
 }
 
 /// Vectors that are summed at a time: sums that do not wait for each other.

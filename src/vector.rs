@@ -77,6 +77,9 @@ impl<S: Simd> Lanes<S> {
     /// The samples from `first` on, and 0 for those lanes that have none.
     #[inline(always)]
     pub fn load_part(simd: S, samples: &[f32], first: usize) -> Self {
+        if samples.len() - first >= S::F32_LANES {
+            return Self::load(simd, samples, first);
+        }
         Self { simd, values: simd.partial_load_f32s(&samples[first..]) }
     }
 
@@ -90,6 +93,9 @@ impl<S: Simd> Lanes<S> {
     /// Writes as many lanes as there are samples from `first` on.
     #[inline(always)]
     pub fn store_part(self, samples: &mut [f32], first: usize) {
+        if samples.len() - first >= S::F32_LANES {
+            return self.store(samples, first);
+        }
         self.simd.partial_store_f32s(&mut samples[first..], self.values);
     }
 

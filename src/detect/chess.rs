@@ -23,13 +23,11 @@ use pulp::Simd;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::detect::peaks::{Equals, Response, ResponseMemory, detect_peaks};
-use crate::detect::tensor::Shade;
-use crate::detect::{Detection, Detector, Peaks, Scratch};
+use crate::detect::peaks::{PeakDetector, Response, ResponseMemory};
+use crate::detect::{Detector, Peaks, Shade};
 use crate::image::{PixelRange, Plane, View};
 use crate::registry::{Entry, defaults, parameters, schema};
 use crate::sensor::Exposure;
-use crate::target::TargetRegion;
 use crate::vector::{Lanes, Real};
 
 /// The registry's line.
@@ -77,10 +75,6 @@ const RADIUS: usize = 5;
 
 impl Response for Chess {
     fn support(&self) -> usize {
-        RADIUS
-    }
-
-    fn border(&self) -> usize {
         RADIUS
     }
 
@@ -140,14 +134,12 @@ impl pulp::WithSimd for Rings<'_> {
     }
 }
 
-impl Detector for Chess {
-    fn detect_into(
-        &self,
-        exposure: &Exposure,
-        region: Option<&TargetRegion>,
-        scratch: &mut Scratch,
-        found: &mut Vec<Detection>,
-    ) {
-        detect_peaks(self, &self.peaks, Equals::First, exposure, region, scratch, found);
+impl PeakDetector for Chess {
+    fn response(&self) -> impl Response {
+        self
+    }
+
+    fn peaks(&self) -> &Peaks {
+        &self.peaks
     }
 }

@@ -50,8 +50,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::detect::contours::{BORDER, Contour, EdgePoint, contours};
 use crate::detect::places::Places;
-use crate::detect::tensor::Shade;
-use crate::detect::{Detection, Detector, Scratch};
+use crate::detect::{Detection, Detector, Scratch, Shade};
 use crate::geometry::ImagePoint;
 use crate::image::PixelRange;
 use crate::registry::{Entry, defaults, parameters, schema};

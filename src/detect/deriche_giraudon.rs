@@ -16,7 +16,7 @@
 //!               sigma_d in DN^2. Maxima that do not move, or whose line crosses no change of sign within
 //!               4 sigma_d, are no corners.
 //! # Border      no maximum nearer to an edge than ceil(3 sigma_d) px.
-//! # Cost        O(pixels of the image); three planes.
+//! # Cost        O(pixels of the image); four planes of f32.
 //! # Departures  Gaussian derivatives instead of their recursive ones. Maxima are interpolated by a
 //!               parabola in each direction, the Laplacian bilinearly.
 //! # Source      Deriche & Giraudon, A computational approach for corner and vertex detection,

@@ -19,19 +19,17 @@
 //! # Source      Rosten & Drummond, ECCV 2006, Machine learning for high-speed corner detection;
 //!               Rosten, Porter & Drummond, PAMI 32(1), 2010.
 //! # Checked by  tests/it/contract.rs (all), tests/it/opencv.rs::detectors_equal_opencv (the same set),
-//!               tests/it/oracle.rs::fast_matches_its_definition
+//!               tests/it/responses.rs::fast_matches_its_definition
 //! ```
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::detect::peaks::{Equals, Response, ResponseMemory, detect_peaks};
-use crate::detect::tensor::Shade;
-use crate::detect::{Detection, Detector, Peaks, Scratch};
+use crate::detect::peaks::{Equals, PeakDetector, Response, ResponseMemory};
+use crate::detect::{Detector, Peaks, Shade};
 use crate::image::{PixelRange, Plane, View};
 use crate::registry::{Entry, defaults, parameters, schema};
 use crate::sensor::Exposure;
-use crate::target::TargetRegion;
 
 /// The registry's line.
 pub const ENTRY: Entry<dyn Detector> = Entry {
@@ -160,10 +158,6 @@ impl Response for Fast {
         RADIUS
     }
 
-    fn border(&self) -> usize {
-        RADIUS
-    }
-
     fn respond(
         &self,
         exposure: &Exposure,
@@ -175,14 +169,14 @@ impl Response for Fast {
     }
 }
 
-impl Detector for Fast {
-    fn detect_into(
-        &self,
-        exposure: &Exposure,
-        region: Option<&TargetRegion>,
-        scratch: &mut Scratch,
-        found: &mut Vec<Detection>,
-    ) {
-        detect_peaks(self, &self.peaks, Equals::None, exposure, region, scratch, found);
+impl PeakDetector for Fast {
+    const EQUALS: Equals = Equals::None;
+
+    fn response(&self) -> impl Response {
+        self
+    }
+
+    fn peaks(&self) -> &Peaks {
+        &self.peaks
     }
 }

@@ -9,33 +9,33 @@
 //!               those of the structure tensor (tensor.rs: channel, derivative, window, scales,
 //!               oversampling, border) and of peaks (peaks.rs: thresholds, the strongest so many,
 //!               suppression radius, margin around a region)
-//! # Output      whole-pixel maxima, strongest first, equals by row, then column; response
-//!               w in DN^2/px^2.
+//! # Output      maxima at whole pixels, with oversampling 2 at half ones, strongest first, equals by
+//!               row, then column; response w in DN^2/px^2.
 //! # Border      the image continues outwards as `border` says, then the products do; no candidate
 //!               nearer to an edge than the window reaches, ceil(3 sigma_i) px of a Gaussian.
-//! # Cost        O(pixels searched); one plane and 6 ceil(3 sigma_i) rows of f32.
+//! # Cost        O(pixels searched); one plane of f32 and rows of 192 columns, 6 ceil(3 sigma_i) of a
+//!               Gaussian.
 //! # Departures  Theirs thresholds w by its mean or median over the image; ours by its maximum. The
 //!               estimate of the point within the window is a refiner's here.
 //! # Source      Förstner & Gülch, ISPRS Intercommission Workshop 1987, A fast operator for detection
 //!               and precise location of distinct points, corners and circular features, w and q.
-//! # Checked by  tests/it/contract.rs (all), tests/it/oracle.rs::measures_of_the_tensor_match_direct_sums
+//! # Checked by  tests/it/contract.rs (all),
+//!               tests/it/responses.rs::measures_of_the_tensor_match_direct_sums
 //! ```
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::detect::peaks::{Equals, detect_peaks};
+use crate::detect::peaks::{PeakDetector, Response};
 use crate::detect::tensor::{Measure, StructureTensor};
-use crate::detect::{Detection, Detector, Peaks, Scratch};
+use crate::detect::{Detector, Peaks};
 use crate::registry::{Entry, defaults, parameters, schema};
-use crate::sensor::Exposure;
-use crate::target::TargetRegion;
 use crate::vector::Real;
 
 /// The registry's line.
 pub const ENTRY: Entry<dyn Detector> = Entry {
     name: "foerstner",
-    summary: "maxima of precision det M / tr M where M is round, Gaussian window",
+    summary: "maxima of precision det M / tr M where M is round",
     reference: "Förstner & Gülch 1987, weight w and roundness q",
     version: 1,
     defaults: defaults::<Foerstner>,
@@ -74,15 +74,12 @@ impl Measure for Foerstner {
     }
 }
 
-impl Detector for Foerstner {
-    fn detect_into(
-        &self,
-        exposure: &Exposure,
-        region: Option<&TargetRegion>,
-        scratch: &mut Scratch,
-        found: &mut Vec<Detection>,
-    ) {
-        let response = self.tensor.measured(self);
-        detect_peaks(&response, &self.peaks, Equals::First, exposure, region, scratch, found);
+impl PeakDetector for Foerstner {
+    fn response(&self) -> impl Response {
+        self.tensor.measured(self)
+    }
+
+    fn peaks(&self) -> &Peaks {
+        &self.peaks
     }
 }

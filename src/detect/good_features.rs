@@ -14,7 +14,7 @@
 //! # Output      whole pixels, strongest first, equals by row, then column, the last one first, as
 //!               OpenCV's; response lambda in DN^2/px^2: OpenCV's times 255^2 / 4.
 //! # Border      reflected about its border pixels; none of these is a candidate.
-//! # Cost        O(pixels searched); one plane and some rows of f32.
+//! # Cost        O(pixels searched); one plane of f32 and one of a byte.
 //! # Departures  A region is searched as if it were a mask. Lambda is rounded otherwise than OpenCV's:
 //!               points of equal strength to 1e-6 may change places.
 //! # Source      Shi & Tomasi, CVPR 1994; OpenCV, modules/imgproc/src/featureselect.cpp, as documented
@@ -25,13 +25,13 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::detect::peaks::{Equals, Response, ResponseMemory, Searched};
+use crate::detect::peaks::{Equals, Searched};
 use crate::detect::shi_tomasi::ShiTomasi;
-use crate::detect::tensor::{Derivative, StructureTensor, Window};
+use crate::detect::tensor::{Derivative, Measured, StructureTensor, Window};
 use crate::detect::{Detection, Detector, Peaks, Scratch};
 use crate::filter::Border;
 use crate::geometry::ImagePoint;
-use crate::image::{PixelRange, Plane};
+use crate::image::Plane;
 use crate::registry::{Entry, defaults, parameters, schema};
 use crate::sensor::Exposure;
 use crate::target::TargetRegion;
@@ -97,7 +97,7 @@ impl Detector for GoodFeatures {
             ..StructureTensor::default()
         };
         let measure = ShiTomasi::default();
-        let response = Inward(tensor.measured(&measure));
+        let response = Measured { border: 1, ..tensor.measured(&measure) }; // as OpenCV's
         let rule = Peaks { nms_radius_px: 1, margin_px: self.margin_px, ..Peaks::default() };
         let Some(searched) = Searched::of(&response, &rule, exposure, region, scratch) else {
             return;
@@ -156,28 +156,5 @@ fn take_disc(taken: &mut Plane<bool>, [x, y]: [usize; 2], disc: &[usize]) {
         if dy <= y {
             taken.row_mut(y - dy)[columns].fill(true);
         }
-    }
-}
-
-/// A response whose border pixels alone are no candidates.
-struct Inward<R>(R);
-
-impl<R: Response> Response for Inward<R> {
-    fn support(&self) -> usize {
-        self.0.support()
-    }
-
-    fn border(&self) -> usize {
-        1
-    }
-
-    fn respond(
-        &self,
-        exposure: &Exposure,
-        range: PixelRange,
-        memory: &mut ResponseMemory,
-        response: &mut Plane<f32>,
-    ) {
-        self.0.respond(exposure, range, memory, response);
     }
 }

@@ -10,11 +10,13 @@
 //!               those of the structure tensor (tensor.rs: channel, derivative, window, scales,
 //!               oversampling, border) and of peaks (peaks.rs: thresholds, the strongest so many,
 //!               suppression radius, margin around a region)
-//! # Output      whole-pixel maxima of R, strongest first, equals by row, then column; response in
-//!               DN^4/px^4, not comparable across detectors, bit depths or derivatives.
+//! # Output      maxima of R at whole pixels, with oversampling 2 at half ones, strongest first, equals
+//!               by row, then column; response in DN^4/px^4, not comparable across detectors, bit depths
+//!               or derivatives.
 //! # Border      the image continues outwards as `border` says, then the products do; no candidate
 //!               nearer to an edge than the window reaches, ceil(3 sigma_i) px of a Gaussian.
-//! # Cost        O(pixels searched); one plane and 6 ceil(3 sigma_i) rows of f32.
+//! # Cost        O(pixels searched); one plane of f32 and rows of 192 columns, 6 ceil(3 sigma_i) of a
+//!               Gaussian.
 //! # Departures  The paper says "Gaussian window" but gives neither its sigma nor the derivative:
 //!               central differences (Harris & Stephens' (-1, 0, 1), halved to be a slope) and
 //!               sigma_i = 1.5 are our choice. Its threshold T is absolute and not stated; ours is
@@ -23,25 +25,24 @@
 //!               floats: OpenCV scales slopes by 1 / 255, and neither they nor the box are normalised.
 //! # Source      Harris & Stephens, Alvey Vision Conference 1988, corner response function; the
 //!               paper's equations 1 to 3.
-//! # Checked by  tests/it/contract.rs (all), tests/it/oracle.rs::measures_of_the_tensor_match_direct_sums
+//! # Checked by  tests/it/contract.rs (all),
+//!               tests/it/responses.rs::measures_of_the_tensor_match_direct_sums
 //!               (to 1e-5 of the largest |R|), harris_on_a_region_equals_harris_on_the_image (to the bit)
 //! ```
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::detect::peaks::{Equals, detect_peaks};
+use crate::detect::peaks::{PeakDetector, Response};
 use crate::detect::tensor::{Measure, StructureTensor};
-use crate::detect::{Detection, Detector, Peaks, Scratch};
+use crate::detect::{Detector, Peaks};
 use crate::registry::{Entry, defaults, parameters, schema};
-use crate::sensor::Exposure;
-use crate::target::TargetRegion;
 use crate::vector::Real;
 
 /// The registry's line.
 pub const ENTRY: Entry<dyn Detector> = Entry {
     name: "harris",
-    summary: "maxima of det M - k (tr M)^2, Gaussian window",
+    summary: "maxima of det M - k (tr M)^2",
     reference: "Harris & Stephens 1988, corner response function",
     version: 2,
     defaults: defaults::<Harris>,
@@ -79,15 +80,12 @@ impl Measure for Harris {
     }
 }
 
-impl Detector for Harris {
-    fn detect_into(
-        &self,
-        exposure: &Exposure,
-        region: Option<&TargetRegion>,
-        scratch: &mut Scratch,
-        found: &mut Vec<Detection>,
-    ) {
-        let response = self.tensor.measured(self);
-        detect_peaks(&response, &self.peaks, Equals::First, exposure, region, scratch, found);
+impl PeakDetector for Harris {
+    fn response(&self) -> impl Response {
+        self.tensor.measured(self)
+    }
+
+    fn peaks(&self) -> &Peaks {
+        &self.peaks
     }
 }

@@ -17,18 +17,17 @@
 //!               makes scales comparable (Lindeberg 1998). Saddles, whose DET is negative, are no
 //!               corners: an X has none at its centre.
 //! # Source      Beaudet, Rotationally invariant image operators, ICPR 1978.
-//! # Checked by  tests/it/contract.rs (all), tests/it/oracle.rs::measures_of_derivatives_match_direct_sums
+//! # Checked by  tests/it/contract.rs (all),
+//!               tests/it/responses.rs::measures_of_derivatives_match_direct_sums
 //! ```
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::detect::jet::{Derivatives, Jet, MeasureJet};
-use crate::detect::peaks::{Equals, detect_peaks};
-use crate::detect::{Detection, Detector, Peaks, Scratch};
+use crate::detect::peaks::{PeakDetector, Response};
+use crate::detect::{Detector, Peaks};
 use crate::registry::{Entry, defaults, parameters, schema};
-use crate::sensor::Exposure;
-use crate::target::TargetRegion;
 use crate::vector::Real;
 
 /// The registry's line.
@@ -64,15 +63,12 @@ impl MeasureJet for HessianDeterminant {
     }
 }
 
-impl Detector for HessianDeterminant {
-    fn detect_into(
-        &self,
-        exposure: &Exposure,
-        region: Option<&TargetRegion>,
-        scratch: &mut Scratch,
-        found: &mut Vec<Detection>,
-    ) {
-        let response = self.jet.measured(self);
-        detect_peaks(&response, &self.peaks, Equals::First, exposure, region, scratch, found);
+impl PeakDetector for HessianDeterminant {
+    fn response(&self) -> impl Response {
+        self.jet.measured(self)
+    }
+
+    fn peaks(&self) -> &Peaks {
+        &self.peaks
     }
 }

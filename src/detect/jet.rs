@@ -4,8 +4,8 @@ use pulp::Simd;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::detect::Channel;
 use crate::detect::peaks::{Response, ResponseMemory};
-use crate::detect::tensor::Channel;
 use crate::filter::{Border, ImageRows, Kernel, grown};
 use crate::image::{PixelRange, Plane, View};
 use crate::sensor::Exposure;
@@ -74,10 +74,6 @@ pub(super) struct MeasuredJet<'a, M> {
 
 impl<M: MeasureJet> Response for MeasuredJet<'_, M> {
     fn support(&self) -> usize {
-        self.kernels[0].radius()
-    }
-
-    fn border(&self) -> usize {
         self.kernels[0].radius()
     }
 

@@ -15,18 +15,17 @@
 //! # Departures  Their derivatives are of 3 x 3 pixels; Gaussian ones here. 1e-6 DN^2/px^2 beside the
 //!               squared gradient makes flat places 0. They suppress along the gradient; ours in a square.
 //! # Source      Kitchen & Rosenfeld, Gray-level corner detection, Pattern Recognition Letters 1(2), 1982.
-//! # Checked by  tests/it/contract.rs (all), tests/it/oracle.rs::measures_of_derivatives_match_direct_sums
+//! # Checked by  tests/it/contract.rs (all),
+//!               tests/it/responses.rs::measures_of_derivatives_match_direct_sums
 //! ```
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::detect::jet::{Derivatives, Jet, MeasureJet};
-use crate::detect::peaks::{Equals, detect_peaks};
-use crate::detect::{Detection, Detector, Peaks, Scratch};
+use crate::detect::peaks::{PeakDetector, Response};
+use crate::detect::{Detector, Peaks};
 use crate::registry::{Entry, defaults, parameters, schema};
-use crate::sensor::Exposure;
-use crate::target::TargetRegion;
 use crate::vector::Real;
 
 /// The registry's line.
@@ -61,15 +60,12 @@ impl MeasureJet for KitchenRosenfeld {
     }
 }
 
-impl Detector for KitchenRosenfeld {
-    fn detect_into(
-        &self,
-        exposure: &Exposure,
-        region: Option<&TargetRegion>,
-        scratch: &mut Scratch,
-        found: &mut Vec<Detection>,
-    ) {
-        let response = self.jet.measured(self);
-        detect_peaks(&response, &self.peaks, Equals::First, exposure, region, scratch, found);
+impl PeakDetector for KitchenRosenfeld {
+    fn response(&self) -> impl Response {
+        self.jet.measured(self)
+    }
+
+    fn peaks(&self) -> &Peaks {
+        &self.peaks
     }
 }

@@ -6,10 +6,11 @@ use crate::registry::Entry;
 use crate::sensor::Exposure;
 use crate::target::TargetRegion;
 
+pub use channel::{Channel, Shade};
 pub use peaks::{Peaks, Scratch};
 pub use places::Places;
-pub use tensor::Shade;
 
+mod channel;
 pub mod chess;
 pub mod contour_curvature;
 mod contours;

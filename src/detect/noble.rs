@@ -8,32 +8,32 @@
 //! # Parameters  those of the structure tensor (tensor.rs: channel, derivative, window, scales,
 //!               oversampling, border) and of peaks (peaks.rs: thresholds, the strongest so many,
 //!               suppression radius, margin around a region)
-//! # Output      whole-pixel maxima, strongest first, equals by row, then column; response in
-//!               DN^2/px^2.
+//! # Output      maxima at whole pixels, with oversampling 2 at half ones, strongest first, equals by
+//!               row, then column; response in DN^2/px^2.
 //! # Border      the image continues outwards as `border` says, then the products do; no candidate
 //!               nearer to an edge than the window reaches, ceil(3 sigma_i) px of a Gaussian.
-//! # Cost        O(pixels searched); one plane and 6 ceil(3 sigma_i) rows of f32.
-//! # Departures  none in the formula; the window is a Gaussian.
+//! # Cost        O(pixels searched); one plane of f32 and rows of 192 columns, 6 ceil(3 sigma_i) of a
+//!               Gaussian.
+//! # Departures  none in the formula; the window is a Gaussian by default.
 //! # Source      Noble, Image and Vision Computing 6(2), 1988, Finding corners: the ratio of
 //!               determinant and trace. Brown, Szeliski & Winder, CVPR 2005, name it the harmonic mean.
-//! # Checked by  tests/it/contract.rs (all), tests/it/oracle.rs::measures_of_the_tensor_match_direct_sums
+//! # Checked by  tests/it/contract.rs (all),
+//!               tests/it/responses.rs::measures_of_the_tensor_match_direct_sums
 //! ```
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::detect::peaks::{Equals, detect_peaks};
+use crate::detect::peaks::{PeakDetector, Response};
 use crate::detect::tensor::{Measure, StructureTensor};
-use crate::detect::{Detection, Detector, Peaks, Scratch};
+use crate::detect::{Detector, Peaks};
 use crate::registry::{Entry, defaults, parameters, schema};
-use crate::sensor::Exposure;
-use crate::target::TargetRegion;
 use crate::vector::Real;
 
 /// The registry's line.
 pub const ENTRY: Entry<dyn Detector> = Entry {
     name: "noble",
-    summary: "maxima of det M / tr M, Gaussian window",
+    summary: "maxima of det M / tr M",
     reference: "Noble 1988, ratio of determinant and trace",
     version: 1,
     defaults: defaults::<Noble>,
@@ -60,15 +60,12 @@ impl Measure for Noble {
     }
 }
 
-impl Detector for Noble {
-    fn detect_into(
-        &self,
-        exposure: &Exposure,
-        region: Option<&TargetRegion>,
-        scratch: &mut Scratch,
-        found: &mut Vec<Detection>,
-    ) {
-        let response = self.tensor.measured(self);
-        detect_peaks(&response, &self.peaks, Equals::First, exposure, region, scratch, found);
+impl PeakDetector for Noble {
+    fn response(&self) -> impl Response {
+        self.tensor.measured(self)
+    }
+
+    fn peaks(&self) -> &Peaks {
+        &self.peaks
     }
 }

@@ -7,8 +7,8 @@ use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::detect::Detection;
 use crate::detect::tensor::TensorBuffers;
+use crate::detect::{Detection, Detector};
 use crate::geometry::ImagePoint;
 use crate::image::{PixelRange, Plane};
 use crate::sensor::Exposure;
@@ -53,7 +53,9 @@ pub(super) trait Response: Sync {
     fn support(&self) -> usize;
 
     /// How near to the image's edges no sample is searched, in samples.
-    fn border(&self) -> usize;
+    fn border(&self) -> usize {
+        self.support()
+    }
 
     /// Replaces what `response` holds by the responses of the samples in `range`. Those nearer to the
     /// range's edges than the support, and farther from the image's, may be anything.
@@ -64,6 +66,55 @@ pub(super) trait Response: Sync {
         memory: &mut ResponseMemory,
         response: &mut Plane<f32>,
     );
+}
+
+impl<R: Response> Response for &R {
+    fn oversampling(&self) -> usize {
+        (**self).oversampling()
+    }
+
+    fn support(&self) -> usize {
+        (**self).support()
+    }
+
+    fn border(&self) -> usize {
+        (**self).border()
+    }
+
+    fn respond(
+        &self,
+        exposure: &Exposure,
+        range: PixelRange,
+        memory: &mut ResponseMemory,
+        response: &mut Plane<f32>,
+    ) {
+        (**self).respond(exposure, range, memory, response);
+    }
+}
+
+/// A detector whose corners are the peaks of a response, and nothing else.
+pub(super) trait PeakDetector: Send + Sync {
+    /// Which of equally strong neighbours is a corner.
+    const EQUALS: Equals = Equals::First;
+
+    /// What is measured.
+    fn response(&self) -> impl Response;
+
+    /// When it is a corner.
+    fn peaks(&self) -> &Peaks;
+}
+
+impl<D: PeakDetector> Detector for D {
+    fn detect_into(
+        &self,
+        exposure: &Exposure,
+        region: Option<&TargetRegion>,
+        scratch: &mut Scratch,
+        found: &mut Vec<Detection>,
+    ) {
+        let response = self.response();
+        detect_peaks(&response, self.peaks(), D::EQUALS, exposure, region, scratch, found);
+    }
 }
 
 /// Memory that responses need.
@@ -102,7 +153,7 @@ pub(super) enum Equals {
 ///
 /// Of equal neighbours the first is the peak: a plateau that fits into the radius, and a rectangular one
 /// of any size, has exactly one. Or `equals` has it otherwise.
-pub(super) fn detect_peaks(
+fn detect_peaks(
     response: &impl Response,
     rule: &Peaks,
     equals: Equals,
@@ -265,11 +316,7 @@ impl pulp::WithSimd for Strongest<'_> {
         while x < samples.len() {
             // The last vector overlaps the one before; of a row shorter than one, lanes are 0.
             let first = x.min(samples.len().saturating_sub(S::F32_LANES));
-            strongest = strongest.max(if samples.len() < S::F32_LANES {
-                Lanes::load_part(simd, samples, first)
-            } else {
-                Lanes::load(simd, samples, first)
-            });
+            strongest = strongest.max(Lanes::load_part(simd, samples, first));
             x = first + S::F32_LANES;
         }
         strongest.largest()
@@ -465,10 +512,6 @@ mod tests {
 
     impl Response for Drawn {
         fn support(&self) -> usize {
-            0
-        }
-
-        fn border(&self) -> usize {
             0
         }
 

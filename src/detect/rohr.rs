@@ -6,32 +6,33 @@
 //! # Parameters  those of the structure tensor (tensor.rs: channel, derivative, window, scales,
 //!               oversampling, border) and of peaks (peaks.rs: thresholds, the strongest so many,
 //!               suppression radius, margin around a region)
-//! # Output      whole-pixel maxima, strongest first, equals by row, then column; response in
-//!               DN^4/px^4.
+//! # Output      maxima at whole pixels, with oversampling 2 at half ones, strongest first, equals by
+//!               row, then column; response in DN^4/px^4.
 //! # Border      the image continues outwards as `border` says, then the products do; no candidate
 //!               nearer to an edge than the window reaches, ceil(3 sigma_i) px of a Gaussian.
-//! # Cost        O(pixels searched); one plane and 6 ceil(3 sigma_i) rows of f32.
-//! # Departures  none in the formula; the window is a Gaussian. `harris` with k = 0 gives the same.
+//! # Cost        O(pixels searched); one plane of f32 and rows of 192 columns, 6 ceil(3 sigma_i) of a
+//!               Gaussian.
+//! # Departures  none in the formula; the window is a Gaussian by default. `harris` with k = 0 gives
+//!               the same.
 //! # Source      Rohr, Image and Vision Computing 5(2), 1987; Rohr (1994), Localization properties
 //!               of direct corner detectors, Journal of Mathematical Imaging and Vision 4, table of operators.
-//! # Checked by  tests/it/contract.rs (all), tests/it/oracle.rs::measures_of_the_tensor_match_direct_sums
+//! # Checked by  tests/it/contract.rs (all),
+//!               tests/it/responses.rs::measures_of_the_tensor_match_direct_sums
 //! ```
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::detect::peaks::{Equals, detect_peaks};
+use crate::detect::peaks::{PeakDetector, Response};
 use crate::detect::tensor::{Measure, StructureTensor};
-use crate::detect::{Detection, Detector, Peaks, Scratch};
+use crate::detect::{Detector, Peaks};
 use crate::registry::{Entry, defaults, parameters, schema};
-use crate::sensor::Exposure;
-use crate::target::TargetRegion;
 use crate::vector::Real;
 
 /// The registry's line.
 pub const ENTRY: Entry<dyn Detector> = Entry {
     name: "rohr",
-    summary: "maxima of det M, Gaussian window",
+    summary: "maxima of det M",
     reference: "Rohr 1987, det M",
     version: 1,
     defaults: defaults::<Rohr>,
@@ -58,15 +59,12 @@ impl Measure for Rohr {
     }
 }
 
-impl Detector for Rohr {
-    fn detect_into(
-        &self,
-        exposure: &Exposure,
-        region: Option<&TargetRegion>,
-        scratch: &mut Scratch,
-        found: &mut Vec<Detection>,
-    ) {
-        let response = self.tensor.measured(self);
-        detect_peaks(&response, &self.peaks, Equals::First, exposure, region, scratch, found);
+impl PeakDetector for Rohr {
+    fn response(&self) -> impl Response {
+        self.tensor.measured(self)
+    }
+
+    fn peaks(&self) -> &Peaks {
+        &self.peaks
     }
 }

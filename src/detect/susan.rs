@@ -19,19 +19,17 @@
 //!               suppresses in 5 x 5 pixels; ours in 7 x 7, as their program does by default.
 //! # Source      Smith & Brady, SUSAN - A new approach to low level image processing, International
 //!               Journal of Computer Vision 23(1), 1997, equations 4, 2 and section 4.
-//! # Checked by  tests/it/contract.rs (all), tests/it/oracle.rs::susan_matches_its_definition
+//! # Checked by  tests/it/contract.rs (all), tests/it/responses.rs::susan_matches_its_definition
 //! ```
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::detect::peaks::{Equals, Response, ResponseMemory, detect_peaks};
-use crate::detect::tensor::Shade;
-use crate::detect::{Detection, Detector, Peaks, Scratch};
+use crate::detect::peaks::{PeakDetector, Response, ResponseMemory};
+use crate::detect::{Detector, Peaks, Shade};
 use crate::image::{PixelRange, Plane, View};
 use crate::registry::{Entry, defaults, parameters, schema};
 use crate::sensor::Exposure;
-use crate::target::TargetRegion;
 
 /// The registry's line.
 pub const ENTRY: Entry<dyn Detector> = Entry {
@@ -160,10 +158,6 @@ impl Response for Susan {
         RADIUS
     }
 
-    fn border(&self) -> usize {
-        RADIUS
-    }
-
     fn respond(
         &self,
         exposure: &Exposure,
@@ -176,14 +170,12 @@ impl Response for Susan {
     }
 }
 
-impl Detector for Susan {
-    fn detect_into(
-        &self,
-        exposure: &Exposure,
-        region: Option<&TargetRegion>,
-        scratch: &mut Scratch,
-        found: &mut Vec<Detection>,
-    ) {
-        detect_peaks(self, &self.peaks, Equals::First, exposure, region, scratch, found);
+impl PeakDetector for Susan {
+    fn response(&self) -> impl Response {
+        self
+    }
+
+    fn peaks(&self) -> &Peaks {
+        &self.peaks
     }
 }

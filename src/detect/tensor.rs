@@ -10,6 +10,7 @@ use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::detect::Channel;
 use crate::detect::peaks::{Response, ResponseMemory};
 use crate::filter::{Border, Kernel};
 use crate::image::{PixelRange, Plane, View};
@@ -58,47 +59,6 @@ impl Default for StructureTensor {
     }
 }
 
-/// What of an exposure is differentiated.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum Channel {
-    /// The luma.
-    #[default]
-    Luma,
-    /// Red alone.
-    Red,
-    /// Red less the mean of green and blue: how saturated a red is.
-    RedDifference,
-    /// Red, green and blue: the sum of their tensors, each weighted by the inverse of its noise's
-    /// variance at half of full scale, the weights' mean being 1. Di Zenzo (1986), A note on the
-    /// gradient of a multi-image, Computer Vision, Graphics, and Image Processing 33.
-    Colour,
-}
-
-/// What of an exposure is looked at, where it must be one number per pixel.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum Shade {
-    /// The luma.
-    #[default]
-    Luma,
-    /// Red alone.
-    Red,
-    /// Red less the mean of green and blue: how saturated a red is.
-    RedDifference,
-}
-
-impl Shade {
-    /// Its plane \[DN\].
-    pub fn plane(self, exposure: &Exposure) -> &Plane<f32> {
-        match self {
-            Self::Luma => exposure.luma(),
-            Self::Red => &exposure.rgb()[0],
-            Self::RedDifference => exposure.red_difference(),
-        }
-    }
-}
-
 /// What the products of slopes are averaged over.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
@@ -106,7 +66,8 @@ pub enum Window {
     /// A Gaussian at `sigma_i`.
     #[default]
     Gaussian,
-    /// A square of `2 box_radius_px + 1`, all of it alike.
+    /// A square, all of it alike: `2 box_radius_px + 1` wide, `2 box_radius_px + 1/2` with oversampling
+    /// 2 \[px\].
     Box,
 }
 
@@ -181,11 +142,16 @@ impl TensorKernels {
         self.derivative[0].radius().max(self.derivative[1].radius())
     }
 
-    /// A measure of the tensor at every pixel of an image, which is the sum of weighted `planes` of the
-    /// response's size \[DN\].
+    /// A measure of the tensor at every pixel of an image: of the sum of its `planes`' tensors, each
+    /// with its weight \[DN\].
     ///
-    /// Memory beside input and output: some rows for each thread. Large images are done by all threads
-    /// of the pool; every response has the same bits on one and on many.
+    /// Memory beside input and output: some rows for each block of rows. Large images are done by all
+    /// threads of the pool; every response has the same bits on one and on many. With kernels of three
+    /// taps an image narrower than 20 columns, or lower than 5 rows, is computed otherwise: a crop so
+    /// small may differ from the whole in the last bits.
+    ///
+    /// # Panics
+    /// Of no planes, and of one that has not the response's size: a mistake of the caller's code.
     pub fn response<M: Measure>(
         &self,
         planes: &[(View<'_, f32>, f32)],
@@ -194,6 +160,9 @@ impl TensorKernels {
         response: &mut Plane<f32>,
     ) {
         let (width, height) = (response.width(), response.height());
+        let fits =
+            |(plane, _): &(View<'_, f32>, f32)| (plane.width(), plane.height()) == (width, height);
+        assert!(!planes.is_empty() && planes.iter().all(fits), "planes of {width} x {height}");
         if width == 0 || height == 0 {
             return;
         }
@@ -273,17 +242,25 @@ impl StructureTensor {
 
     /// A measure of it as a response.
     pub(super) fn measured<'a, M: Measure>(&self, measure: &'a M) -> Measured<'a, M> {
-        let (channel, oversampling) = (self.channel, self.oversampling);
-        Measured { channel, oversampling, kernels: self.kernels(), measure }
+        let kernels = self.kernels();
+        Measured {
+            channel: self.channel,
+            oversampling: self.oversampling,
+            border: kernels.window.radius(),
+            kernels,
+            measure,
+        }
     }
 }
 
 /// A measure of the tensor at every sample of an exposure.
 pub(super) struct Measured<'a, M> {
-    channel: Channel,
-    oversampling: u32,
-    kernels: TensorKernels,
-    measure: &'a M,
+    pub(super) channel: Channel,
+    pub(super) oversampling: u32,
+    /// How near to the image's edges no sample is searched, in samples.
+    pub(super) border: usize,
+    pub(super) kernels: TensorKernels,
+    pub(super) measure: &'a M,
 }
 
 impl<M: Measure> Response for Measured<'_, M> {
@@ -296,7 +273,7 @@ impl<M: Measure> Response for Measured<'_, M> {
     }
 
     fn border(&self) -> usize {
-        self.kernels.window.radius()
+        self.border
     }
 
     fn respond(
@@ -307,8 +284,8 @@ impl<M: Measure> Response for Measured<'_, M> {
         response: &mut Plane<f32>,
     ) {
         let ResponseMemory { planes, row, tensor } = memory;
-        // Luma only until it is overwritten: a view needs something to look at.
-        let mut weighted = [(exposure.luma().view(), 0.0); 3];
+        // Red only until it is overwritten: a view needs something to look at.
+        let mut weighted = [(exposure.rgb()[0].view(), 0.0); 3];
         let mut count = 0;
         for (plane, (source, weight)) in
             planes.iter_mut().zip(self.channel.planes(exposure).into_iter().flatten())
@@ -324,27 +301,6 @@ impl<M: Measure> Response for Measured<'_, M> {
         }
         response.resize(range.width(), range.height(), 0.0);
         self.kernels.response(&weighted[..count], tensor, self.measure, response);
-    }
-}
-
-impl Channel {
-    /// The planes that are differentiated, and their tensors' weights.
-    pub(super) fn planes(self, exposure: &Exposure) -> [Option<(&Plane<f32>, f32)>; 3] {
-        let [red, green, blue] = exposure.rgb();
-        let alone = |plane| [Some((plane, 1.0)), None, None];
-        match self {
-            Self::Luma => alone(exposure.luma()),
-            Self::Red => alone(red),
-            Self::RedDifference => alone(exposure.red_difference()),
-            Self::Colour => {
-                let half = 0.5 * exposure.encoding().full_scale_dn();
-                let certainty = [0, 1, 2].map(|c| 1.0 / exposure.variance_dn2(c, half));
-                let mean = certainty.iter().sum::<f64>() / 3.0;
-                #[allow(clippy::cast_possible_truncation, reason = "some size near 1")]
-                let weight = certainty.map(|value| (value / mean) as f32);
-                [(red, weight[0]), (green, weight[1]), (blue, weight[2])].map(Some)
-            }
-        }
     }
 }
 

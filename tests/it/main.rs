@@ -16,6 +16,7 @@ mod oracle;
 mod python;
 mod range_sensors;
 mod rendering;
+mod responses;
 mod scoring;
 mod setup;
 mod support;

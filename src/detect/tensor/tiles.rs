@@ -65,12 +65,7 @@ impl<M: Measure> pulp::WithSimd for Measured<'_, M> {
         for x in (0..out.len()).step_by(S::F32_LANES) {
             let (a, b, c) =
                 (Lanes::load(simd, a, x), Lanes::load(simd, b, x), Lanes::load(simd, c, x));
-            let response = measure.of(a, b, c);
-            if x + S::F32_LANES <= out.len() {
-                response.store(out, x);
-            } else {
-                response.store_part(out, x);
-            }
+            measure.of(a, b, c).store_part(out, x);
         }
     }
 }
