@@ -13,7 +13,7 @@
 //!               margin_px        px, 3       range [0, 1000]: widens the region on each side
 //! # Output      whole pixels, strongest first, equals by row, then column, the last one first, as
 //!               OpenCV's; response lambda in DN^2/px^2: OpenCV's times 255^2 / 4.
-//! # Border      reflected about its border pixels; none of these is a candidate.
+//! # Border      reflected about its border pixels, which count for the maximum but are no candidates.
 //! # Cost        O(pixels searched); one plane of f32 and one of a byte.
 //! # Departures  A region is searched as if it were a mask. Lambda is rounded otherwise than OpenCV's:
 //!               points of equal strength to 1e-6 may change places.
@@ -31,7 +31,6 @@ use crate::detect::tensor::{Derivative, Measured, StructureTensor, Window};
 use crate::detect::{Detection, Detector, Peaks, Scratch};
 use crate::filter::Border;
 use crate::geometry::ImagePoint;
-use crate::image::Plane;
 use crate::registry::{Entry, defaults, parameters, schema};
 use crate::sensor::Exposure;
 use crate::target::TargetRegion;
@@ -97,7 +96,7 @@ impl Detector for GoodFeatures {
             ..StructureTensor::default()
         };
         let measure = ShiTomasi::default();
-        let response = Measured { border: 1, ..tensor.measured(&measure) }; // as OpenCV's
+        let response = Measured { border: 0, ..tensor.measured(&measure) };
         let rule = Peaks { nms_radius_px: 1, margin_px: self.margin_px, ..Peaks::default() };
         let Some(searched) = Searched::of(&response, &rule, exposure, region, scratch) else {
             return;
@@ -109,16 +108,18 @@ impl Detector for GoodFeatures {
         searched.candidates(response, 1, f64::from(threshold), Equals::All, candidates);
         candidates.strongest_and_last_first(); // as OpenCV's
         let most = if self.most > 0 { self.most as usize } else { usize::MAX };
-        taken.reset(exposure.width(), exposure.height(), false);
+        taken.reset(exposure.width(), exposure.height());
         half_widths(self.min_distance_px, disc);
         for (index, response) in candidates.iter() {
             let [x, y] = searched.place(index);
             if found.len() == most {
                 break;
             }
-            if !taken.at(x, y) {
+            // The image's border pixels may be the strongest, but are no corners: as OpenCV has it.
+            let is_inside = x > 0 && y > 0 && x + 1 < taken.width && y + 1 < taken.height;
+            if is_inside && !taken.holds([x, y]) {
                 found.push(Detection::new(ImagePoint::new(x as f64, y as f64), response));
-                take_disc(taken, [x, y], disc);
+                taken.take_disc([x, y], disc);
             }
         }
     }
@@ -145,16 +146,52 @@ fn half_widths(distance_px: f64, disc: &mut Vec<usize>) {
     }
 }
 
-/// Takes the pixels of a disc.
-fn take_disc(taken: &mut Plane<bool>, [x, y]: [usize; 2], disc: &[usize]) {
-    let (width, height) = (taken.width(), taken.height());
-    for (dy, half) in disc.iter().enumerate() {
-        let columns = x.saturating_sub(*half)..(x + half + 1).min(width);
-        if y + dy < height {
-            taken.row_mut(y + dy)[columns.clone()].fill(true);
+/// Where no more corner may be: a bit for each pixel.
+#[derive(Debug, Default)]
+pub(super) struct Taken {
+    width: usize,
+    height: usize,
+    /// Words in a row.
+    pitch: usize,
+    words: Vec<u64>,
+}
+
+impl Taken {
+    /// Replaces it by an image of which nothing is taken.
+    fn reset(&mut self, width: usize, height: usize) {
+        (self.width, self.height, self.pitch) = (width, height, width.div_ceil(64));
+        self.words.clear();
+        self.words.resize(self.pitch * height, 0);
+    }
+
+    fn holds(&self, [x, y]: [usize; 2]) -> bool {
+        self.words[y * self.pitch + x / 64] >> (x % 64) & 1 == 1
+    }
+
+    /// Takes the pixels of a disc.
+    fn take_disc(&mut self, [x, y]: [usize; 2], half_widths: &[usize]) {
+        for (dy, half) in half_widths.iter().enumerate() {
+            let (first, last) = (x.saturating_sub(*half), (x + half).min(self.width - 1));
+            if y + dy < self.height {
+                self.take_row(y + dy, first, last);
+            }
+            if dy <= y {
+                self.take_row(y - dy, first, last);
+            }
         }
-        if dy <= y {
-            taken.row_mut(y - dy)[columns].fill(true);
+    }
+
+    /// Takes a part of a row.
+    fn take_row(&mut self, y: usize, first: usize, last: usize) {
+        let words = &mut self.words[y * self.pitch..][..self.pitch];
+        let (head, tail) = (u64::MAX << (first % 64), u64::MAX >> (63 - last % 64));
+        let (first, last) = (first / 64, last / 64);
+        if first == last {
+            words[first] |= head & tail;
+        } else {
+            words[first] |= head;
+            words[first + 1..last].fill(u64::MAX);
+            words[last] |= tail;
         }
     }
 }

@@ -7,6 +7,7 @@ use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::detect::good_features::Taken;
 use crate::detect::tensor::TensorBuffers;
 use crate::detect::{Detection, Detector};
 use crate::geometry::ImagePoint;
@@ -133,7 +134,7 @@ pub struct Scratch {
     pub(super) response: Plane<f32>,
     pub(super) candidates: Candidates,
     /// Where no more corner may be.
-    pub(super) taken: Plane<bool>,
+    pub(super) taken: Taken,
     /// Half widths of the disc that a corner takes.
     pub(super) disc: Vec<usize>,
 }
@@ -209,8 +210,9 @@ impl Searched {
 
     /// Where the sample of this index lies, in samples.
     pub(super) fn place(&self, index: usize) -> [usize; 2] {
-        let width = self.known.width();
-        [index % width + self.known.x0, index / width + self.known.y0]
+        let bits = column_bits(self.known.width());
+        let x = index & ((1 << bits) - 1);
+        [x + self.known.x0, (index >> bits) + self.known.y0]
     }
 
     /// The area's rows, as the known response counts them.
@@ -275,9 +277,19 @@ pub(super) struct Candidates {
     blocks: Vec<Vec<u64>>,
 }
 
-/// Of a positive response the bits are in order. A picture has less than 2^32 samples.
+/// How many bits of a sample's index are its column: rows count in powers of two, so that a place needs no
+/// division.
+fn column_bits(width: usize) -> u32 {
+    usize::BITS - width.saturating_sub(1).leading_zeros()
+}
+
+/// Of a positive response the bits are in order. A picture has less than 2^31 samples.
 fn key_of(index: usize, response: f32) -> u64 {
     u64::from(response.to_bits()) << 32 | (index as u64 & 0xffff_ffff)
+}
+
+fn index_of(key: u64) -> usize {
+    (key & 0xffff_ffff) as usize
 }
 
 fn response_of(key: u64) -> f32 {
@@ -297,7 +309,7 @@ impl Candidates {
 
     /// Index and response of each.
     pub(super) fn iter(&self) -> impl Iterator<Item = (usize, f64)> {
-        let split = |key: &u64| ((key & 0xffff_ffff) as usize, f64::from(response_of(*key)));
+        let split = |key: &u64| (index_of(*key), f64::from(response_of(*key)));
         self.blocks.first().into_iter().flatten().map(split)
     }
 }
@@ -323,6 +335,9 @@ impl pulp::WithSimd for Strongest<'_> {
     }
 }
 
+/// The most lanes of a vector.
+const LANES: usize = 16;
+
 /// The candidates of a part of a row: compiled for the machine's vectors.
 struct MaximaOfRow<'a> {
     response: &'a Plane<f32>,
@@ -342,26 +357,27 @@ impl pulp::WithSimd for MaximaOfRow<'_> {
         const MANY: usize = 4;
         let (width, height) = (self.response.width(), self.response.height());
         let row = self.response.row(self.y);
-        let mut x = self.columns.start;
-        while x < self.columns.end {
-            // Whole vectors whose neighbours are in the plane.
-            let fits = |vectors: usize| {
-                let end = x + vectors * S::F32_LANES;
-                x > 0 && end < width && end <= self.columns.end && self.y > 0 && self.y + 1 < height
-            };
-            let vectors = if fits(MANY) { MANY } else { usize::from(fits(1)) };
-            if vectors == 0 {
-                self.judge(x);
-                x += 1;
-                continue;
-            }
-            let end = x + vectors * S::F32_LANES;
-            let mut largest = Lanes::load(simd, row, x);
-            for first in (x..end).step_by(S::F32_LANES).skip(1) {
+        // Those whose neighbours are in the plane, where they fill a vector.
+        let columns = self.columns.clone();
+        let mut inner = columns.start.max(1)..columns.end.min(width - 1);
+        if self.y == 0 || self.y + 1 >= height || inner.len() < S::F32_LANES {
+            inner = columns.end..columns.end;
+        }
+        (columns.start..inner.start).chain(inner.end..columns.end).for_each(|x| self.judge(x));
+        let mut x = inner.start;
+        while x < inner.end {
+            let end = inner.end.min(x + MANY * S::F32_LANES);
+            let mut largest = Lanes::splat(simd, 0.0);
+            for first in (x..end).step_by(S::F32_LANES) {
+                let first = first.min(inner.end - S::F32_LANES);
                 largest = largest.max(Lanes::load(simd, row, first));
             }
             if largest.largest() >= self.least {
-                self.judge_vectors(simd, x..end);
+                for first in (x..end).step_by(S::F32_LANES) {
+                    // The last vector overlaps the one before.
+                    let start = first.min(inner.end - S::F32_LANES);
+                    self.judge_vector(simd, start, first - start);
+                }
             }
             x = end;
         }
@@ -369,36 +385,43 @@ impl pulp::WithSimd for MaximaOfRow<'_> {
 }
 
 impl MaximaOfRow<'_> {
-    /// Judges those samples that no neighbour exceeds.
+    /// The index of a sample of the row.
     #[inline(always)]
-    fn judge_vectors<S: Simd>(&mut self, simd: S, columns: Range<usize>) {
-        let rows = [self.y - 1, self.y, self.y + 1].map(|y| self.response.row(y));
-        let [above, row, below] = rows;
-        let row_length = self.response.width();
-        for x in columns.step_by(S::F32_LANES) {
-            let here = Lanes::load(simd, row, x);
-            let mut most = Lanes::splat(simd, self.least);
-            for (row, shifts) in [(above, &[0, 1, 2][..]), (row, &[0, 2]), (below, &[0, 1, 2])] {
-                for shift in shifts {
-                    most = most.max(Lanes::load(simd, row, x + shift - 1));
-                }
+    fn index(&self, x: usize) -> usize {
+        (self.y << column_bits(self.response.width())) + x
+    }
+
+    /// Judges those samples of a vector that no neighbour exceeds, its first `known` left out.
+    #[inline(always)]
+    fn judge_vector<S: Simd>(&mut self, simd: S, first: usize, known: usize) {
+        let [above, row, below] =
+            [self.y - 1, self.y, self.y + 1].map(|y| &self.response.row(y)[first - 1..]);
+        let mut most = Lanes::splat(simd, self.least);
+        for (row, shifts) in [(above, &[0, 1, 2][..]), (row, &[0, 2]), (below, &[0, 1, 2])] {
+            for shift in shifts {
+                most = most.max(Lanes::load(simd, row, *shift));
             }
-            let excess = here - most;
-            if excess.largest() < 0.0 {
-                continue;
-            }
-            let mut excesses = [0.0; 16];
-            excess.store(&mut excesses, 0);
-            for lane in 0..S::F32_LANES {
-                if excesses[lane] >= 0.0 {
-                    // All that there is to judge has been.
-                    if self.radius == 1 && self.equals == Equals::All && self.least > 0.0 {
-                        self.found.push(key_of(self.y * row_length + x + lane, row[x + lane]));
-                    } else {
-                        self.judge(x + lane);
-                    }
-                }
-            }
+        }
+        let here = Lanes::load(simd, row, 1);
+        let excess = here - most;
+        if excess.largest() < 0.0 {
+            return;
+        }
+        // Without a branch for each lane: which of them it is cannot be foretold.
+        let (mut samples, mut excesses, mut keys) = ([0.0; LANES], [0.0; LANES], [0; LANES]);
+        here.store(&mut samples, 0);
+        excess.store(&mut excesses, 0);
+        let mut count = 0;
+        let index = self.index(first);
+        for lane in known..S::F32_LANES {
+            keys[count] = key_of(index + lane, samples[lane]);
+            count += usize::from(excesses[lane] >= 0.0);
+        }
+        // Of a threshold of 0, 0 itself does not pass.
+        if self.radius == 1 && self.equals == Equals::All && self.least > 0.0 {
+            self.found.extend_from_slice(&keys[..count]);
+        } else {
+            keys[..count].iter().for_each(|key| self.judge(first + (index_of(*key) - index)));
         }
     }
 
@@ -435,7 +458,7 @@ impl MaximaOfRow<'_> {
                 }
             }
         }
-        self.found.push(key_of(y * response.width() + x, here));
+        self.found.push(key_of(self.index(x), here));
     }
 }
 
