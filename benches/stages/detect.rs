@@ -1,27 +1,24 @@
-//! Corner detection.
-//!
-//! With the environment variable `PYTHON` set to a Python with OpenCV, OpenCV is timed on the same
-//! picture in the same run (`scripts/tests/peers/opencv_detectors.py`).
+//! Corner detection: every detector as a plan without parameters has it, and what they are made of.
 
-use std::process::Command;
-use std::time::Instant;
-
-use cornerbench::detect::Detector;
-use cornerbench::detect::good_features::GoodFeatures;
 use cornerbench::detect::harris::Harris;
-use cornerbench::detect::shi_tomasi::ShiTomasi;
-use cornerbench::detect::tensor::{Derivative, Measure, StructureTensor, TensorBuffers, Window};
+use cornerbench::detect::tensor::{
+    Derivative, Measure, StructureTensor, TensorBuffers, TensorKernels, Window,
+};
+use cornerbench::detect::{DETECTORS, Detector, Scratch};
 use cornerbench::filter::Border;
 use cornerbench::image::Plane;
 use cornerbench::sensor::Exposure;
 use cornerbench::target::TargetExtractor;
 use cornerbench::target::red_difference::RedDifference;
 use criterion::{Criterion, Throughput};
+use rayon::prelude::*;
 
-use super::photograph::{COUNT, SIZE, copy, photograph};
+use super::peers;
+use super::photograph::{COUNT, SIZE, copy, photograph, texture};
+use super::turns::{Times, pool, speed_up};
 
 /// The tensor as OpenCV measures it.
-fn box_tensor() -> StructureTensor {
+pub fn box_tensor() -> StructureTensor {
     StructureTensor {
         derivative: Derivative::Sobel,
         window: Window::Box,
@@ -47,112 +44,102 @@ pub fn define(c: &mut Criterion) {
 
     let mut group = c.benchmark_group("detect");
     group.throughput(Throughput::Elements((SIZE * SIZE) as u64));
+    let (mut scratch, mut found) = (Scratch::default(), Vec::new());
+    for entry in DETECTORS {
+        let detector = (entry.build)("bench", &(entry.defaults)()).expect("defaults");
+        group.bench_function(format!("{}/{SIZE}x{SIZE}", entry.name), |b| {
+            b.iter(|| detector.detect_into(&exposure, None, &mut scratch, &mut found));
+            assert!(!found.is_empty(), "{}", entry.name);
+        });
+    }
+    group.bench_function(format!("harris_gaussian/{SIZE}x{SIZE}"), |b| {
+        b.iter(|| gaussian.detect_into(&exposure, None, &mut scratch, &mut found));
+    });
     for (name, tensor) in [("gaussian", &central.tensor), ("box", &box_tensor())] {
         group.bench_function(format!("harris_response/{name}/{SIZE}x{SIZE}"), |b| {
-            let mut response = Response::new(&exposure, tensor);
-            b.iter(|| response.take(&exposure, &central));
+            let mut tensor = MeasuredTensor::new(tensor);
+            let mut response = Plane::filled(SIZE, SIZE, 0.0);
+            b.iter(|| tensor.respond(&exposure, &central, &mut response));
         });
     }
-    group.bench_function(format!("harris/{SIZE}x{SIZE}"), |b| {
-        b.iter(|| central.detect(&exposure, None));
-    });
-    group.bench_function(format!("harris_gaussian/{SIZE}x{SIZE}"), |b| {
-        b.iter(|| gaussian.detect(&exposure, None));
-    });
-    let good = GoodFeatures::default();
-    group.bench_function(format!("good_features/{SIZE}x{SIZE}"), |b| {
-        b.iter(|| good.detect(&exposure, None));
-    });
     group.throughput(Throughput::Elements(region.pixels as u64));
     group.bench_function("harris/region", |b| {
-        b.iter(|| central.detect(&exposure, Some(&region)));
+        b.iter(|| central.detect_into(&exposure, Some(&region), &mut scratch, &mut found));
     });
     group.finish();
-    beside_opencv(&exposure);
+    if crate::asked("detect/threads") {
+        by_threads();
+    }
+    if crate::asked("detect/peers") {
+        peers::compare();
+    }
 }
 
-/// A response with its memory.
-struct Response {
-    kernels: cornerbench::detect::tensor::TensorKernels,
+/// A structure tensor with its memory.
+pub struct MeasuredTensor {
+    kernels: TensorKernels,
     buffers: TensorBuffers,
-    response: Plane<f32>,
 }
 
-impl Response {
-    fn new(exposure: &Exposure, tensor: &StructureTensor) -> Self {
-        Self {
-            kernels: tensor.kernels(),
-            buffers: TensorBuffers::default(),
-            response: Plane::filled(exposure.width(), exposure.height(), 0.0),
-        }
+impl MeasuredTensor {
+    pub fn new(tensor: &StructureTensor) -> Self {
+        Self { kernels: tensor.kernels(), buffers: TensorBuffers::default() }
     }
 
-    fn take(&mut self, exposure: &Exposure, measure: &impl Measure) {
+    /// A measure of it at every pixel of the luma; `response` is of its size.
+    pub fn respond(
+        &mut self,
+        exposure: &Exposure,
+        measure: &impl Measure,
+        response: &mut Plane<f32>,
+    ) {
         let luma = [(exposure.luma().view(), 1.0)];
-        self.kernels.response(&luma, &mut self.buffers, measure, &mut self.response);
-        std::hint::black_box(&self.response);
+        self.kernels.response(&luma, &mut self.buffers, measure, response);
+        std::hint::black_box(response);
     }
 }
 
-/// Prints how long OpenCV and we take for the same, on one core, in turns.
-fn beside_opencv(exposure: &Exposure) {
-    const ROUNDS: usize = 7;
-    let Some(python) = std::env::var_os("PYTHON") else { return };
-    let folder = std::env::temp_dir().join(format!("cornerbench-detect-{}", std::process::id()));
-    std::fs::create_dir_all(&folder).expect("a folder");
-    let picture = folder.join("luma.png");
-    exposure.to_picture().save(&picture).expect("written");
-    let (boxed, gaussian) = (box_tensor(), StructureTensor::default());
-    let (harris, eigenvalue) = (Harris::default(), ShiTomasi::default());
-    let good = GoodFeatures::default();
-    let (mut boxed, mut gaussian) =
-        (Response::new(exposure, &boxed), Response::new(exposure, &gaussian));
-    let mut once = |name: &str| match name {
-        "harris" => boxed.take(exposure, &harris),
-        "min_eigenvalue" => boxed.take(exposure, &eigenvalue),
-        "gaussian_harris" => gaussian.take(exposure, &harris),
-        _ => drop(std::hint::black_box(good.detect(exposure, None))),
+/// Prints how much sooner two threads are done with a large picture than one is, in turns; and with
+/// arithmetic that needs no memory: more than that a busy machine does not give.
+fn by_threads() {
+    const SIDE_PX: usize = 4096;
+    const REPEATS: usize = 5;
+    let exposure = texture(SIDE_PX, SIDE_PX);
+    exposure.luma();
+    let harris = Harris::default();
+    let mut tensor = MeasuredTensor::new(&harris.tensor);
+    let mut respond = || {
+        let mut response = Plane::filled(SIDE_PX, SIDE_PX, 0.0);
+        let mut once = || tensor.respond(&exposure, &harris, &mut response);
+        once();
+        (Times::of(REPEATS, once), response)
     };
-    let names = ["harris", "min_eigenvalue", "gaussian_harris", "good_features"];
-    let mut ratios = names.map(|_| Vec::new());
-    let mut ours_ms = names.map(|_| Vec::new());
-    for _ in 0..ROUNDS {
-        let ours_s = names.map(|name| {
-            let mut took_s: Vec<f64> = (0..51)
-                .map(|_| {
-                    let begun = Instant::now();
-                    once(name);
-                    begun.elapsed().as_secs_f64()
-                })
-                .collect();
-            took_s.sort_by(f64::total_cmp);
-            took_s[25]
+    let [(_, one), (_, two)] = [1, 2].map(|threads| pool(threads).install(&mut respond));
+    assert_eq!(one, two, "one thread responds otherwise than two");
+    let response = speed_up(2, || respond().0.median_s);
+
+    let detect = || {
+        let (mut scratch, mut found) = (Scratch::default(), Vec::new());
+        let mut once = || harris.detect_into(&exposure, None, &mut scratch, &mut found);
+        once();
+        (Times::of(REPEATS, once), found)
+    };
+    let [(_, one), (_, two)] = [1, 2].map(|threads| pool(threads).install(detect));
+    assert!(one == two && !one.is_empty(), "one thread detects otherwise than two");
+    let detection = speed_up(2, || detect().0.median_s);
+
+    let arithmetic = || {
+        (0..16_u64).into_par_iter().for_each(|seed| {
+            let sum = (0..2_000_000).fold(seed, |sum: u64, n| (sum ^ n).wrapping_mul(seed | 1));
+            std::hint::black_box(sum);
         });
-        let script =
-            concat!(env!("CARGO_MANIFEST_DIR"), "/scripts/tests/peers/opencv_detectors.py");
-        let output = Command::new(&python)
-            .arg(script)
-            .args([&picture, &folder])
-            .arg("51")
-            .output()
-            .expect("Python");
-        let said: serde_json::Value =
-            serde_json::from_slice(&output.stdout).expect("JSON: does PYTHON have OpenCV?");
-        for ((index, name), ours_s) in names.iter().enumerate().zip(ours_s) {
-            ratios[index].push(said["took_s"][name].as_f64().expect("seconds") / ours_s);
-            ours_ms[index].push(1e3 * ours_s);
-        }
+    };
+    let arithmetic = speed_up(2, || Times::of(REPEATS, arithmetic).median_s);
+    for (what, faster) in [
+        ("harris response, 4096x4096", response),
+        ("harris detection, 4096x4096", detection),
+        ("arithmetic alone", arithmetic),
+    ] {
+        println!("detect: {what}: {faster:.2} times as fast on two threads as on one");
     }
-    for ((name, mut ratios), mut ours_ms) in names.iter().zip(ratios).zip(ours_ms) {
-        ratios.sort_by(f64::total_cmp);
-        ours_ms.sort_by(f64::total_cmp);
-        println!(
-            "detect: {name} {:.3} ms, {:.1} times as fast as OpenCV ({:.1} to {:.1})",
-            ours_ms[ROUNDS / 2],
-            ratios[ROUNDS / 2],
-            ratios[0],
-            ratios[ROUNDS - 1]
-        );
-    }
-    std::fs::remove_dir_all(&folder).expect("removed");
 }

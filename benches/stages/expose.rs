@@ -1,9 +1,9 @@
 //! Photographs: light on the pixels, electrons, encoding, and all of it.
 //!
-//! With the environment variable `PYTHON` set to a Python with NumPy and SciPy, the version of the
-//! camera in NumPy (`scripts/tests/peers/exposure_oracle.py`) is timed in the same run.
+//! Where the peers' Python is (`peers.rs`), the version of the camera in NumPy
+//! (`scripts/tests/peers/exposure_oracle.py`) is timed in the same run.
 
-use std::ffi::OsStr;
+use std::path::Path;
 use std::process::Command;
 use std::time::Instant;
 
@@ -17,7 +17,9 @@ use cornerbench::sensor::{
 use criterion::{Criterion, Throughput};
 use rayon::prelude::*;
 
+use super::peers::python;
 use super::photograph::SIZE;
+use super::turns::{Spread, Times, speed_up};
 
 const OVERSAMPLING: u32 = 4;
 
@@ -138,8 +140,12 @@ pub fn define(c: &mut Criterion) {
         });
     }
     group.finish();
-    if let Some(python) = std::env::var_os("PYTHON") {
+    if crate::asked("expose/threads") {
         by_threads(&noisy, &film, &camera);
+    }
+    if crate::asked("expose/peers")
+        && let Some(python) = python()
+    {
         beside_numpy(&python, &noisy, &film, &camera);
     }
 }
@@ -148,30 +154,19 @@ pub fn define(c: &mut Criterion) {
 fn by_threads(photographer: &Photographer, film: &Film, camera: &Camera) {
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let kernel = photographer.kernel(OVERSAMPLING, [0.2, -0.3]);
-    let took_s = |threads: usize| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+    let faster = speed_up(cores, || {
         let begun = Instant::now();
-        pool.install(|| {
-            (0..16 * cores).into_par_iter().for_each_init(
-                PhotographBuffers::default,
-                |b, number| {
-                    let shot = Shot { name: &["bench", &number.to_string()], window: None };
-                    std::hint::black_box(photographer.expose(film, camera, &kernel, &shot, b));
-                },
-            );
+        (0..16 * cores).into_par_iter().for_each_init(PhotographBuffers::default, |b, number| {
+            let shot = Shot { name: &["bench", &number.to_string()], window: None };
+            std::hint::black_box(photographer.expose(film, camera, &kernel, &shot, b));
         });
         begun.elapsed().as_secs_f64()
-    };
-    let mut ratios: Vec<f64> = (0..7).map(|_| took_s(1) / took_s(cores)).collect();
-    ratios.sort_by(f64::total_cmp);
-    println!(
-        "expose: {:.2} times as many with {cores} threads as with one ({:.2} to {:.2})",
-        ratios[3], ratios[0], ratios[6]
-    );
+    });
+    println!("expose: {faster:.2} times as many with {cores} threads as with one");
 }
 
 /// Prints how long NumPy and we take for the same photograph, on one core, in turns.
-fn beside_numpy(python: &OsStr, photographer: &Photographer, film: &Film, camera: &Camera) {
+fn beside_numpy(python: &Path, photographer: &Photographer, film: &Film, camera: &Camera) {
     let folder = std::env::temp_dir().join(format!("cornerbench-bench-{}", std::process::id()));
     std::fs::create_dir_all(&folder).expect("a folder");
     let path = |name: &str| folder.join(name);
@@ -190,40 +185,22 @@ fn beside_numpy(python: &OsStr, photographer: &Photographer, film: &Film, camera
     let kernel = photographer.kernel(OVERSAMPLING, phase_px);
     let shot = Shot { name: &["bench"], window: None };
     let mut buffers = PhotographBuffers::default();
-    let mut ratios: Vec<f64> = (0..5)
-        .map(|_| {
-            let mut ours_s: Vec<f64> = (0..15)
-                .map(|_| {
-                    let begun = Instant::now();
-                    std::hint::black_box(photographer.expose(
-                        film,
-                        camera,
-                        &kernel,
-                        &shot,
-                        &mut buffers,
-                    ));
-                    begun.elapsed().as_secs_f64()
-                })
-                .collect();
-            ours_s.sort_by(f64::total_cmp);
-            let script =
-                concat!(env!("CARGO_MANIFEST_DIR"), "/scripts/tests/peers/exposure_oracle.py");
-            let output = Command::new(python)
-                .arg(script)
-                .args([path("film.f32"), path("out.f32"), path("settings.json")])
-                .env("OMP_NUM_THREADS", "1")
-                .output()
-                .expect("Python");
-            let theirs_s: f64 =
-                String::from_utf8_lossy(&output.stdout).trim().parse().expect("seconds");
-            println!("expose: NumPy {theirs_s:.3} s, ours {:.4} s", ours_s[7]);
-            theirs_s / ours_s[7]
-        })
-        .collect();
-    ratios.sort_by(f64::total_cmp);
-    println!(
-        "expose: {:.0} times as fast as NumPy ({:.0} to {:.0})",
-        ratios[2], ratios[0], ratios[4]
-    );
+    let ratios = (0..5).map(|_| {
+        let ours = Times::of(15, || {
+            std::hint::black_box(photographer.expose(film, camera, &kernel, &shot, &mut buffers));
+        });
+        let script = concat!(env!("CARGO_MANIFEST_DIR"), "/scripts/tests/peers/exposure_oracle.py");
+        let output = Command::new(python)
+            .arg(script)
+            .args([path("film.f32"), path("out.f32"), path("settings.json")])
+            .env("OMP_NUM_THREADS", "1")
+            .output()
+            .expect("Python");
+        let theirs_s: f64 =
+            String::from_utf8_lossy(&output.stdout).trim().parse().expect("seconds");
+        println!("expose: NumPy {theirs_s:.3} s, ours {:.4} s", ours.median_s);
+        theirs_s / ours.median_s
+    });
+    println!("expose: {:.0} times as fast as NumPy", Spread::of(ratios.collect()));
     std::fs::remove_dir_all(&folder).expect("removed");
 }

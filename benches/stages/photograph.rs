@@ -1,8 +1,10 @@
-//! The photograph that every stage is timed on, and the least that could be done with it.
+//! The photograph that every stage is timed on, the least that could be done with it, and a texture.
 
 use cornerbench::image::Plane;
 use cornerbench::sensor::{Encoding, Exposure, Transfer};
 use criterion::{Criterion, Throughput};
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::{RngCore, SeedableRng};
 
 /// Columns and rows \[px\], as in the paper.
 pub const SIZE: usize = 512;
@@ -34,6 +36,27 @@ pub fn photograph() -> Exposure {
         Encoding { bit_depth: 8, transfer: Transfer::Srgb, black_dn: 0.0 },
     )
     .expect("finite")
+}
+
+/// A grey picture of corners everywhere: squares of 16 pixels, each of some shade, with a little noise;
+/// the same in every run.
+pub fn texture(width: usize, height: usize) -> Exposure {
+    const SQUARE_PX: usize = 16;
+    let mut random = ChaCha8Rng::seed_from_u64(4);
+    let mut shade = |count: u32| (random.next_u32() % count) as f32;
+    let columns = width.div_ceil(SQUARE_PX);
+    let shades: Vec<f32> =
+        (0..columns * height.div_ceil(SQUARE_PX)).map(|_| 20.0 + shade(211)).collect();
+    let grey = Plane::from_fn(width, height, |x, y| {
+        shades[y / SQUARE_PX * columns + x / SQUARE_PX] + shade(5)
+    });
+    of_grey(grey)
+}
+
+/// An exposure whose red, green, blue and luma are alike \[DN\].
+pub fn of_grey(grey: Plane<f32>) -> Exposure {
+    let encoding = Encoding { bit_depth: 8, transfer: Transfer::Srgb, black_dn: 0.0 };
+    Exposure::new([grey.clone(), grey.clone(), grey], encoding).expect("finite")
 }
 
 /// Times a copy of one plane of the photograph, as `<stage>/copy/512x512`: the scale to read the

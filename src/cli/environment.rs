@@ -9,13 +9,17 @@ use crate::scene::sha256_hex;
 
 /// What an environment is for; decides which lock it is made from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Purpose {
+pub enum Purpose {
     /// Rendering.
     Rendering,
     /// Rendering by the machines of a Ray cluster.
     Ray,
-    /// All of these, and the Python tests and linters.
+    /// Rendering, and the Python tests and linters.
     Development,
+    /// Timing our detectors beside those of OpenCV and of scikit-image.
+    Peers,
+    /// Timing them beside those of kornia, too.
+    Kornia,
 }
 
 impl Purpose {
@@ -24,6 +28,8 @@ impl Purpose {
             Self::Rendering => "rendering",
             Self::Ray => "ray",
             Self::Development => "development",
+            Self::Peers => "peers",
+            Self::Kornia => "kornia",
         }
     }
 
@@ -32,6 +38,8 @@ impl Purpose {
             Self::Rendering => "requirements.txt",
             Self::Ray => "requirements-ray.txt",
             Self::Development => "requirements-dev.txt",
+            Self::Peers => "requirements-peers.txt",
+            Self::Kornia => "requirements-kornia.txt",
         }
     }
 }
@@ -70,11 +78,11 @@ pub(super) fn python(root: &Path, purpose: Purpose, say: &dyn Fn(&str)) -> Resul
     Ok(program(&folder))
 }
 
-/// The Python program of an environment, where it is set up.
+/// The Python program of an environment of the project in the folder `root`, where it is set up.
 ///
 /// # Errors
 /// When the environment's lock cannot be read.
-pub(super) fn present_python(root: &Path, purpose: Purpose) -> Result<Option<PathBuf>> {
+pub fn present_python(root: &Path, purpose: Purpose) -> Result<Option<PathBuf>> {
     let folder = folder(root, purpose)?;
     Ok(is_complete(&folder).then(|| program(&folder)))
 }

@@ -1,6 +1,6 @@
 //! The command line: one file per subcommand.
 
-mod environment;
+pub mod environment;
 mod estimate;
 mod export;
 mod expose;

@@ -5,19 +5,29 @@ use super::{Ended, Global, print_line, project};
 use crate::error::Result;
 
 #[derive(clap::Args)]
+#[group(multiple = false)]
 pub(super) struct Options {
     /// Set up what the Python tests and linters need, too.
     #[arg(long)]
     dev: bool,
     /// Set up another environment, with Ray: for `render --ray`, and for the cluster's machines.
-    #[arg(long, conflicts_with = "dev")]
+    #[arg(long)]
     ray: bool,
+    /// Set up another environment, with OpenCV and scikit-image: what `cargo bench` times our detectors
+    /// beside.
+    #[arg(long)]
+    peers: bool,
+    /// Set up what --peers does, and kornia: on Linux its PyTorch takes 5 GB.
+    #[arg(long)]
+    kornia: bool,
 }
 
 pub(super) fn run(global: &Global, options: &Options) -> Result<Ended> {
     let purpose = match options {
         Options { dev: true, .. } => Purpose::Development,
         Options { ray: true, .. } => Purpose::Ray,
+        Options { peers: true, .. } => Purpose::Peers,
+        Options { kornia: true, .. } => Purpose::Kornia,
         _ => Purpose::Rendering,
     };
     let program = python(&project::root()?, purpose, &|line| global.say(line))?;

@@ -116,7 +116,8 @@ fn detectors_equal_opencv() {
         grey.save(&file).expect("written");
         let said = succeed(
             Command::new(python())
-                .arg(project().join("scripts/tests/peers/opencv_detectors.py"))
+                .arg(project().join("scripts/tests/peers/detectors.py"))
+                .arg("opencv")
                 .args([&file, folder.path()])
                 .arg("1"),
         );
@@ -129,23 +130,22 @@ fn detectors_equal_opencv() {
         };
         let harris = as_opencv(luma, &Harris::default());
         let eigenvalue = as_opencv(luma, &ShiTomasi::default());
-        for (kind, ours, unit) in [
-            ("harris", &harris, 255.0_f32.powi(4) / 16.0),
-            ("harris_float", &harris, 1.0 / 16.0),
-            ("min_eigenvalue", &eigenvalue, 255.0_f32.powi(2) / 4.0),
-        ] {
+        for (kind, ours) in
+            [("harris", &harris), ("harris_float", &harris), ("min_eigenvalue", &eigenvalue)]
+        {
             let theirs = theirs(kind);
             let largest = theirs.iter().fold(0.0, |most: f32, value| most.max(value.abs()));
             let far = ours
                 .samples()
                 .iter()
                 .zip(&theirs)
-                .map(|(ours, theirs)| (ours / unit - theirs).abs() / largest)
+                .map(|(ours, theirs)| (ours - theirs).abs() / largest)
                 .fold(0.0, f32::max);
             assert!(far < 1e-5, "{name}: {kind} differs by {far} of the largest");
         }
         let said: serde_json::Value = serde_json::from_str(&said).expect("JSON");
-        let theirs: Vec<[f64; 2]> = serde_json::from_value(said["points"].clone()).expect("points");
+        let theirs: Vec<[f64; 2]> =
+            serde_json::from_value(said["points"]["good_features"].clone()).expect("points");
         let ours: Vec<[f64; 2]> = GoodFeatures::default()
             .detect(&exposure, None)
             .iter()
@@ -160,7 +160,7 @@ fn detectors_equal_opencv() {
         assert_eq!(moved, 0, "{name}: {moved} of {} points are others", theirs.len());
 
         let mut theirs: Vec<[f64; 3]> =
-            serde_json::from_value(said["fast"].clone()).expect("corners");
+            serde_json::from_value(said["points"]["fast"].clone()).expect("corners");
         // OpenCV's score of whole numbers is less by one.
         let mut ours: Vec<[f64; 3]> = Fast::default()
             .detect(&exposure, None)

@@ -1,23 +1,15 @@
-"""OpenCV's detectors on one grey picture, and how long they take on one core.
-
-`python opencv_detectors.py PICTURE.png OUT REPEATS` writes `harris.f32`, `harris_float.f32` (of the
-picture as floats), `min_eigenvalue.f32` into the folder OUT, and prints one JSON object: the points
-of `goodFeaturesToTrack` in their order, those of FAST-9 with their scores, and the medians of the
-times [s].
-"""
-
-import json
-import sys
-import time
-from pathlib import Path
+"""OpenCV's detectors; `detectors.py` says what the functions are."""
 
 import cv2
 import numpy as np
 
+VERSION = cv2.__version__
 K = 0.04
 QUALITY_LEVEL = 0.01
 MIN_DISTANCE_PX = 3.0
 FAST_THRESHOLD = 20
+
+cv2.setNumThreads(1)
 
 
 def gaussian_harris(picture):
@@ -31,41 +23,24 @@ def gaussian_harris(picture):
     return a * b - c * c - K * (a + b) ** 2
 
 
-def median_s(function, repeats):
-    """Return the median of the times that a call takes [s]."""
-    took_s = []
-    for _ in range(repeats):
-        begun_s = time.perf_counter()
-        function()
-        took_s.append(time.perf_counter() - begun_s)
-    return float(np.median(took_s))
-
-
-def main():
-    """Detect."""
-    cv2.setNumThreads(1)
-    picture_file, folder, repeats = Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3])
-    picture = cv2.imread(str(picture_file), cv2.IMREAD_GRAYSCALE)
-    if picture is None:
-        sys.exit(f"{picture_file}: no picture")
+def responses(picture):
+    """Return responses; OpenCV's tensor is 4 times ours, of bytes divided by 255^2."""
     floats = picture.astype(np.float32)
-    calls = {
-        "harris": lambda: cv2.cornerHarris(picture, 3, 3, K),
-        "harris_float": lambda: cv2.cornerHarris(floats, 3, 3, K),
-        "min_eigenvalue": lambda: cv2.cornerMinEigenVal(picture, 3),
-        "gaussian_harris": lambda: gaussian_harris(picture),
+    out = np.empty_like(floats)  # memory for each in turn
+    return {
+        "harris": (lambda: cv2.cornerHarris(picture, 3, 3, K, out), 255.0**4 / 16.0),
+        "harris_float": (lambda: cv2.cornerHarris(floats, 3, 3, K, out), 1.0 / 16.0),
+        "min_eigenvalue": (lambda: cv2.cornerMinEigenVal(picture, 3, out), 255.0**2 / 4.0),
+        "gaussian_harris": (lambda: gaussian_harris(picture), 1.0),
     }
-    for name, call in calls.items():
-        call().astype("<f4").tofile(folder / f"{name}.f32")
-    calls["good_features"] = lambda: cv2.goodFeaturesToTrack(
-        picture, 0, QUALITY_LEVEL, MIN_DISTANCE_PX
-    )
-    points = calls["good_features"]().reshape(-1, 2)
+
+
+def points(picture):
+    """Return points; the third number of FAST's is the score."""
     fast = cv2.FastFeatureDetector.create(FAST_THRESHOLD)
-    calls["fast"] = lambda: fast.detect(picture)
-    corners = [[*corner.pt, corner.response] for corner in calls["fast"]()]
-    took_s = {name: median_s(call, repeats) for name, call in calls.items()}
-    print(json.dumps({"points": points.tolist(), "fast": corners, "took_s": took_s}))
-
-
-main()
+    return {
+        "good_features": lambda: cv2.goodFeaturesToTrack(
+            picture, 0, QUALITY_LEVEL, MIN_DISTANCE_PX
+        ).reshape(-1, 2),
+        "fast": lambda: [[*corner.pt, corner.response] for corner in fast.detect(picture)],
+    }
