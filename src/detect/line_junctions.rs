@@ -445,6 +445,21 @@ mod tests {
     }
 
     #[test]
+    fn a_junction_lies_nearer_to_lines_of_more_points() {
+        let segment = |degrees: f64, off_px: f64, points: usize| {
+            let (sine, cosine) = degrees.to_radians().sin_cos();
+            let point = ImagePoint::new(-off_px * sine, off_px * cosine);
+            let line = Line { point, direction: [cosine, sine] };
+            Segment { ends: [line.at(1.0), line.at(40.0)], steepness: 10.0, points, line }
+        };
+        let segments = [segment(0.0, 0.0, 900), segment(120.0, 0.0, 900), segment(240.0, 1.0, 9)];
+        let found = LineJunctions::default().junction(&segments, &[0, 2, 4], &[]).expect("a Y");
+        assert_eq!(found.junction, Some(Junction::Y));
+        let off_px = found.point.distance_px(ImagePoint::new(0.0, 0.0));
+        assert!(off_px > 0.0 && off_px < 0.05, "{off_px}");
+    }
+
+    #[test]
     fn edges_that_leave_a_point_have_a_type() {
         let detector = LineJunctions::default();
         let kind = |degrees: &[f64]| {

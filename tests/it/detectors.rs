@@ -162,6 +162,24 @@ fn on_a_grid_of_half_the_pitch_maxima_lie_between_pixels_too() {
     assert!(halves >= 6, "{halves} of 12 lie between pixels");
 }
 
+#[test]
+fn corners_are_farther_apart_than_the_suppression_radius_on_either_grid() {
+    let exposure = grey(textured(60, 50));
+    for oversampling in [1, 2] {
+        let tensor = StructureTensor { oversampling, ..StructureTensor::default() };
+        let fine = Harris { tensor, ..harris(0.04) };
+        let found = fine.detect(&exposure, None);
+        assert!(found.len() > 20, "{oversampling}: {}", found.len());
+        for (index, one) in found.iter().enumerate() {
+            for other in &found[..index] {
+                let [dx, dy] = [one.point.x - other.point.x, one.point.y - other.point.y];
+                let apart_px = dx.abs().max(dy.abs());
+                assert!(apart_px > f64::from(fine.peaks.nms_radius_px), "{one:?} {other:?}");
+            }
+        }
+    }
+}
+
 // ---- Memory, threads, views ---------------------------------------------------------------------------------
 
 fn built() -> impl Iterator<Item = (&'static str, Box<dyn Detector>)> {
@@ -184,6 +202,7 @@ fn what_scratch_memory_held_changes_no_answer() {
     for (name, detector) in built() {
         let (mut scratch, mut found) = (Scratch::default(), Vec::new());
         for exposure in [&small, &large, &small] {
+            found.push(Detection::new(VERTEX, 1.0));
             detector.detect_into(exposure, None, &mut scratch, &mut found);
             assert_eq!(found, detector.detect(exposure, None), "{name}");
         }
@@ -230,7 +249,7 @@ fn a_view_with_a_stride_gives_the_bits_of_its_copy() {
     let plane = textured(150, 70);
     let range = cornerbench::image::PixelRange { x0: 13, y0: 5, x1: 101, y1: 63 };
     let (view, copy) = (plane.view().crop(range), plane.crop(range));
-    let memory = View::new(plane.samples(), [150, 70], 150).crop(range);
+    let memory = View::new(plane.samples(), [120, 70], 150).crop(range);
     for window in [Window::Box, Window::Gaussian] {
         for border in [Border::Replicate, Border::Reflect] {
             let tensor = StructureTensor { window, border, ..StructureTensor::default() };

@@ -115,6 +115,26 @@ fn red_polygon_s_corners_are_weaker_the_less_contrast_a_side_has_and_the_blunter
     assert_eq!(blunt.len(), 8);
     let ratio = blunt[0].response / strong;
     assert!((ratio - 45.0_f64.to_radians().sin()).abs() < 0.03, "{ratio}");
+
+    // Beyond the right side the ground is reddish: a third of the contrast is gone.
+    let (size, right) = ([80, 80], [[65.0, 16.0], [64.0, 66.0]]);
+    let red = covered(size, &[[15.0, 15.0], right[0], right[1], [14.0, 65.0]]);
+    let reddish = covered(size, &[right[0], [90.0, -20.0], [90.0, 100.0], right[1]]);
+    let channel = |ground: f64, weak: f64, strong: f64| {
+        Plane::from_fn(size[0], size[1], |x, y| {
+            let (weak, strong) = (weak - ground, strong - ground);
+            (ground + reddish.at(x, y) * weak + red.at(x, y) * strong).round() as f32
+        })
+    };
+    let exposure =
+        colour([channel(90.0, 130.0, 210.0), channel(90.0, 70.0, 30.0), channel(90.0, 70.0, 30.0)]);
+    let found = RedPolygon::default().detect(&exposure, None);
+    assert_eq!(found.len(), 4, "{found:?}");
+    for corner in &found {
+        let share = corner.response / found[0].response;
+        let wanted = if corner.point.x > 40.0 { 2.0 / 3.0 } else { 1.0 };
+        assert!((share - wanted).abs() < 0.02, "{share} {corner:?}");
+    }
 }
 
 #[test]
@@ -143,9 +163,25 @@ fn red_polygon_reads_the_region_it_is_given() {
     let region = RedDifference::default().extract(&exposure).expect("red");
     let whole = RedPolygon::default().detect(&exposure, None);
     assert_eq!(RedPolygon::default().detect(&exposure, Some(&region)), whole);
-    let other = red_polygon([80, 80], &regular(4, [20.0, 20.0], 12.0, 11.0));
+    let small = regular(4, [20.0, 20.0], 12.0, 11.0);
+    let other = red_polygon([80, 80], &small);
     let elsewhere = RedDifference::default().extract(&other).expect("red");
     assert!(RedPolygon::default().detect(&exposure, Some(&elsewhere)).is_empty());
+
+    // Of two polygons, the smaller one: by itself it would read the larger.
+    let larger = regular(4, [75.0, 40.0], 25.0, 11.0);
+    let shares = [&small, &larger].map(|vertices| covered([110, 80], vertices));
+    let channel = |ground: f64, red: f64| {
+        Plane::from_fn(110, 80, |x, y| {
+            let share = shares[0].at(x, y) + shares[1].at(x, y);
+            (ground + share * (red - ground)).round() as f32
+        })
+    };
+    let both = colour([channel(90.0, 210.0), channel(90.0, 25.0), channel(90.0, 30.0)]);
+    let alone = RedDifference::default().extract(&red_polygon([110, 80], &small)).expect("red");
+    let found = RedPolygon::default().detect(&both, Some(&alone));
+    assert_eq!(found.len(), 4, "{found:?}");
+    assert!(worst_px(&found, &small) < 0.11, "{found:?}");
 }
 
 // ---- Contour curvature --------------------------------------------------------------------------------------
@@ -168,15 +204,21 @@ fn contour_curvature_finds_drawn_corners_and_no_others() {
 }
 
 #[test]
-fn contour_curvature_finds_no_corner_on_a_disc_or_an_ellipse_that_is_nearly_one() {
-    for (across, down) in [(8.0, 8.0), (20.0, 20.0), (33.0, 33.0), (36.0, 28.0)] {
+fn contour_curvature_finds_an_ellipse_s_vertices_but_not_on_a_disc_or_nearly_one() {
+    for (across, down, count) in
+        [(8.0, 8.0, 0), (20.0, 20.0, 0), (33.0, 33.0, 0), (36.0, 28.0, 0), (38.0, 25.0, 2)]
+    {
         let exposure = grey(Plane::from_fn(100, 100, |x, y| {
             let share =
                 coverage(x, y, |x, y| ((x - 50.2) / across).hypot((y - 49.7) / down) <= 1.0);
             (60.0 + 140.0 * share).round() as f32
         }));
         let found = ContourCurvature::default().detect(&exposure, None);
-        assert!(found.is_empty(), "{across} {down}: {found:?}");
+        assert_eq!(found.len(), count, "{across} {down}: {found:?}");
+        for corner in &found {
+            let x = 50.2 + f64::copysign(across, corner.point.x - 50.2);
+            assert!(corner.point.distance_px(ImagePoint::new(x, 49.7)) < 3.0, "{found:?}");
+        }
     }
 }
 
@@ -195,13 +237,18 @@ fn contour_curvature_keeps_angles_up_to_the_largest() {
 }
 
 #[test]
-fn contour_curvature_adds_a_t_junction_and_the_third_edge_of_a_y() {
+fn contour_curvature_adds_a_t_junction_and_finds_a_y_once() {
     let t = BlurredJunction::t(MIDDLE, pair([20.0, 80.0]), [0.7, 0.4, 0.05], 0.6);
     let found = ContourCurvature::default().detect(&drawn_junction(&t), None);
     assert_eq!(found.len(), 1, "{found:?}");
     assert!(found[0].point.distance_px(MIDDLE) < 2.0, "{found:?}");
     let without_ends = ContourCurvature { keep_ends: false, ..ContourCurvature::default() };
     assert_eq!(without_ends.detect(&drawn_junction(&t), None), found);
+    // Its third edge ends at the bend of the other two.
+    let y =
+        ContourCurvature::default().detect(&three([20.0, 135.0, 260.0], [0.9, 0.5, 0.15]), None);
+    assert_eq!(y.len(), 1, "{y:?}");
+    assert!(y[0].point.distance_px(MIDDLE) < 3.0, "{y:?}");
 }
 
 // ---- Line junctions -----------------------------------------------------------------------------------------

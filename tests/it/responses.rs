@@ -160,7 +160,7 @@ fn plainly(taps: &[(isize, f64)], at: impl Fn(isize) -> f32) -> f32 {
 
 #[test]
 fn the_vectors_tensor_is_the_plain_one() {
-    let plane = textured(83, 61);
+    let plane = textured(403, 61); // of three tiles
     let (width, height) = (plane.width(), plane.height());
     for (derivative, sigma_i) in
         [(Derivative::Central, 1.5), (Derivative::Gaussian, 1.5), (Derivative::Sobel, 2.1)]
