@@ -22,6 +22,8 @@ pub trait Real:
     fn abs(self) -> Self;
     /// The larger of two.
     fn max(self, other: Self) -> Self;
+    /// The smaller of two.
+    fn min(self, other: Self) -> Self;
     /// `self` where `value` is at least `least`, 0 elsewhere.
     fn where_at_least(self, value: Self, least: Self) -> Self;
 }
@@ -45,6 +47,11 @@ impl Real for f32 {
     #[inline(always)]
     fn max(self, other: Self) -> Self {
         f32::max(self, other)
+    }
+
+    #[inline(always)]
+    fn min(self, other: Self) -> Self {
+        f32::min(self, other)
     }
 
     #[inline(always)]
@@ -165,6 +172,11 @@ impl<S: Simd> Real for Lanes<S> {
     #[inline(always)]
     fn max(self, other: Self) -> Self {
         Self { simd: self.simd, values: self.simd.max_f32s(self.values, other.values) }
+    }
+
+    #[inline(always)]
+    fn min(self, other: Self) -> Self {
+        Self { simd: self.simd, values: self.simd.min_f32s(self.values, other.values) }
     }
 
     #[inline(always)]

@@ -141,8 +141,8 @@ fn comparisons() -> Vec<Comparison> {
             "FAST-9, before suppression",
             "fast",
             Ours::Response(Box::new(move |exposure, out| {
-                fast.score(exposure.luma().view(), out);
                 let threshold = 20.0;
+                fast.score(exposure.luma().view(), threshold, out);
                 out.samples_mut().iter_mut().for_each(|s| *s = f32::from(*s > threshold));
             })),
             // Whole numbers: nothing to round.

@@ -11,8 +11,8 @@
 //!               the strongest so many; suppression radius, by default 1 px; margin around a region)
 //! # Output      whole pixels, strongest first, equals by row, then column; response S in DN.
 //! # Border      no candidate nearer than 3 px to an edge.
-//! # Cost        O(pixels searched), without a branch: a decision tree saves nothing where sixteen
-//!               pixels are tested at once. One plane of f32.
+//! # Cost        O(pixels searched): four pixels of the circle, and all sixteen where a vector holds one
+//!               that two neighbours of these let pass. One plane of f32.
 //! # Departures  The score is the second of the source's section 4.1, the largest threshold, as in
 //!               OpenCV, whose score is S - 1 of whole numbers; not the sum of differences. Where
 //!               neighbours are equally strong neither is a corner, as in OpenCV.
@@ -22,6 +22,7 @@
 //!               tests/it/responses.rs::fast_matches_its_definition
 //! ```
 
+use pulp::Simd;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -30,6 +31,7 @@ use crate::detect::{Detector, Peaks, Shade};
 use crate::image::{PixelRange, Plane, View};
 use crate::registry::{Entry, defaults, parameters, schema};
 use crate::sensor::Exposure;
+use crate::vector::{Lanes, Real};
 
 /// The registry's line.
 pub const ENTRY: Entry<dyn Detector> = Entry {
@@ -87,70 +89,127 @@ const RADIUS: usize = 3;
 
 impl Fast {
     /// Replaces what `score` holds by the score S \[DN\] of every pixel of `plane` \[DN\]: 0 or more, 0
-    /// nearer than 3 px to an edge.
-    pub fn score(&self, plane: View<'_, f32>, score: &mut Plane<f32>) {
+    /// nearer than 3 px to an edge. Scores that do not exceed `least_dn`, 0 or more, may be 0 instead.
+    pub fn score(&self, plane: View<'_, f32>, least_dn: f32, score: &mut Plane<f32>) {
         score.reset(plane.width(), plane.height(), 0.0);
-        pulp::Arch::new().dispatch(Score { plane, arc: self.arc_px as usize, score });
+        let machine = pulp::Arch::new();
+        match self.arc_px {
+            ..=9 => machine.dispatch(Score::<9> { plane, least_dn, score }),
+            10 => machine.dispatch(Score::<10> { plane, least_dn, score }),
+            11 => machine.dispatch(Score::<11> { plane, least_dn, score }),
+            12.. => machine.dispatch(Score::<12> { plane, least_dn, score }),
+        }
     }
 }
 
-/// Scores of a plane: compiled for the machine's vectors.
-struct Score<'a> {
+/// Scores of a plane: compiled for the machine's vectors and the length of the arc.
+struct Score<'a, const ARC: usize> {
     plane: View<'a, f32>,
-    arc: usize,
+    least_dn: f32,
     score: &'a mut Plane<f32>,
 }
 
-/// Pixels that are scored at a time.
-const LANES: usize = 16;
-
-impl pulp::WithSimd for Score<'_> {
+impl<const ARC: usize> pulp::WithSimd for Score<'_, ARC> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: pulp::Simd>(self, _: S) {
-        let Self { plane, arc, score } = self;
+    fn with_simd<S: Simd>(self, simd: S) {
+        const MANY: usize = 4;
+        let Self { plane, least_dn, score } = self;
         let (width, height) = (plane.width(), plane.height());
+        let end = width.saturating_sub(RADIUS);
         for y in RADIUS..height.saturating_sub(RADIUS) {
-            let middle = plane.row(y);
-            let circle = CIRCLE.map(|[dx, dy]| (plane.row(y.wrapping_add_signed(dy)), dx));
+            let rows = std::array::from_fn(|row| plane.row(y + row - RADIUS));
+            let circles = Circles { rows };
+            let out = score.row_mut(y);
+            if end < RADIUS + S::F32_LANES {
+                for (x, out) in out.iter_mut().enumerate().take(end).skip(RADIUS) {
+                    *out = score_of::<f32, ARC>(&circles.differences(|row, x| row[x], x), 0.0);
+                }
+                continue;
+            }
+            // The last vector overlaps the one before.
+            let last = end - S::F32_LANES;
             let mut x = RADIUS;
-            while x + RADIUS < width {
-                let count = LANES.min(width - RADIUS - x);
-                let mut differences = [[0.0_f32; LANES]; 16];
-                for (difference, (row, dx)) in differences.iter_mut().zip(circle) {
-                    let from = &row[x.wrapping_add_signed(dx)..][..count];
-                    for ((d, p), c) in difference.iter_mut().zip(from).zip(&middle[x..x + count]) {
-                        *d = p - c;
+            while x < end {
+                let mut strongest = Lanes::splat(simd, 0.0);
+                for vector in 0..MANY {
+                    let first = (x + vector * S::F32_LANES).min(last);
+                    strongest = strongest.max(circles.compass(simd, first));
+                }
+                if strongest.largest() > least_dn {
+                    for vector in 0..MANY {
+                        let first = (x + vector * S::F32_LANES).min(last);
+                        if circles.compass(simd, first).largest() > least_dn {
+                            let all = circles.differences(
+                                #[inline(always)]
+                                |row, x| Lanes::load(simd, row, x),
+                                first,
+                            );
+                            score_of::<_, ARC>(&all, Lanes::splat(simd, 0.0)).store(out, first);
+                        }
                     }
                 }
-                let scores = largest_arc(&differences, arc);
-                score.row_mut(y)[x..x + count].copy_from_slice(&scores[..count]);
-                x += count;
+                x += MANY * S::F32_LANES;
             }
         }
+    }
+}
+
+/// The circles about the pixels of a row.
+#[derive(Clone, Copy)]
+struct Circles<'a> {
+    /// From the third above to the third below.
+    rows: [&'a [f32]; 7],
+}
+
+impl Circles<'_> {
+    /// At least the score, from four pixels: an arc of nine or more holds two of them next to each other.
+    #[inline(always)]
+    fn compass<S: Simd>(&self, simd: S, x: usize) -> Lanes<S> {
+        let middle = Lanes::load(simd, self.rows[3], x);
+        let up = Lanes::load(simd, self.rows[0], x) - middle;
+        let down = Lanes::load(simd, self.rows[6], x) - middle;
+        let left = Lanes::load(simd, self.rows[3], x - 3) - middle;
+        let right = Lanes::load(simd, self.rows[3], x + 3) - middle;
+        // Up or down, and left or right.
+        let brighter = up.max(down).min(left.max(right));
+        let darker = up.min(down).max(left.min(right));
+        brighter.max(Lanes::splat(simd, 0.0) - darker)
+    }
+
+    /// What the circle's pixels exceed the middle by.
+    #[inline(always)]
+    fn differences<R: Real>(&self, load: impl Fn(&[f32], usize) -> R, x: usize) -> [R; 16] {
+        let middle = load(self.rows[3], x);
+        let mut differences = [middle; 16];
+        for place in 0..16 {
+            let [dx, dy] = CIRCLE[place];
+            let row = self.rows[dy.wrapping_add_unsigned(RADIUS).unsigned_abs()];
+            differences[place] = load(row, x.wrapping_add_signed(dx)) - middle;
+        }
+        differences
     }
 }
 
 /// The largest least difference along an arc, of brighter and of darker ones; 0 where there is none.
 #[inline(always)]
-fn largest_arc(differences: &[[f32; LANES]; 16], arc: usize) -> [f32; LANES] {
-    let mut best = [0.0_f32; LANES];
-    for start in 0..16 {
-        let (mut least, mut most) = (differences[start], differences[start]);
-        for step in 1..arc {
-            let next = &differences[(start + step) % 16];
-            for ((least, most), d) in least.iter_mut().zip(&mut most).zip(next) {
-                *least = if d < least { *d } else { *least };
-                *most = if d > most { *d } else { *most };
-            }
+fn score_of<R: Real, const ARC: usize>(differences: &[R; 16], zero: R) -> R {
+    let (mut brightest, mut darkest) = (zero, zero);
+    // Two arcs at a time, which differ in one pixel at either end.
+    for start in (0..16).step_by(2) {
+        let mut least = differences[(start + 1) % 16];
+        let mut most = least;
+        for place in start + 2..start + ARC {
+            let here = differences[place % 16];
+            least = least.min(here);
+            most = most.max(here);
         }
-        for ((best, least), most) in best.iter_mut().zip(least).zip(most) {
-            let score = if least > -most { least } else { -most };
-            *best = if score > *best { score } else { *best };
-        }
+        let (first, last) = (differences[start], differences[(start + ARC) % 16]);
+        brightest = brightest.max(least.min(first)).max(least.min(last));
+        darkest = darkest.min(most.max(first)).min(most.max(last));
     }
-    best
+    brightest.max(zero - darkest)
 }
 
 impl Response for Fast {
@@ -165,7 +224,9 @@ impl Response for Fast {
         _: &mut ResponseMemory,
         response: &mut Plane<f32>,
     ) {
-        self.score(self.channel.plane(exposure).view().crop(range), response);
+        #[allow(clippy::cast_possible_truncation, reason = "peaks compare exactly afterwards")]
+        let least_dn = (self.peaks.threshold as f32).next_down().max(0.0);
+        self.score(self.channel.plane(exposure).view().crop(range), least_dn, response);
     }
 }
 

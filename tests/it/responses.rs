@@ -371,7 +371,7 @@ fn fast_matches_its_definition() {
     ];
     for arc in 9..=12 {
         let mut found = Plane::default();
-        Fast { arc_px: arc, ..Fast::default() }.score(plane.view(), &mut found);
+        Fast { arc_px: arc, ..Fast::default() }.score(plane.view(), 0.0, &mut found);
         for y in 3..47 {
             for x in 3..67 {
                 let middle = plane.at(x, y);
@@ -398,6 +398,22 @@ fn fast_matches_its_definition() {
             }
         }
         assert!(found.row(2).iter().chain(found.row(47)).all(|&s| s == 0.0));
+        // What need not be known may be 0, and a row may be shorter than a vector, or than four.
+        let (fast, least_dn) = (Fast { arc_px: arc, ..Fast::default() }, 12.0);
+        for width in 1..=70 {
+            let range = PixelRange { x0: 0, y0: 0, x1: width, y1: 50 };
+            let mut part = Plane::default();
+            fast.score(plane.view().crop(range), least_dn, &mut part);
+            for y in 0..50 {
+                for x in 0..width {
+                    let known = found.at(x, y) > least_dn && x + 3 < width;
+                    let wanted = if known { found.at(x, y) } else { 0.0 };
+                    let (score, whole) = (part.at(x, y), found.at(x, y));
+                    let is = |value: f32| (score - value).abs() < 1e-6;
+                    assert!(is(wanted) || (!known && is(whole)), "{arc} {width} {x} {y}");
+                }
+            }
+        }
     }
 }
 
