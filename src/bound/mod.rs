@@ -12,8 +12,8 @@
 //! rounds the vertex: about 1.5 sigma_e of each edge tell nothing.
 //!
 //! Levels are nearly free beside the direction; ramps are not counted. Of the numeric bound of a blurred
-//! wedge or Y with unknown levels, directions and blur this is 85 % or more where the blur is at most a
-//! pixel; with more it is too small, and a bound still.
+//! wedge or Y with unknown levels, directions and blur this is 92 to 107 % where the blur is at most a pixel;
+//! with more it is too small.
 
 use std::f64::consts::PI;
 
@@ -194,7 +194,7 @@ mod tests {
             let known = bound(angles_deg, contrasts, blur_px, Directions::Known);
             let unknown = bound(angles_deg, contrasts, blur_px, Directions::Unknown);
             assert!((known / known_px - 1.0).abs() < 0.1, "{angles_deg:?}: {known}");
-            assert!((0.85..1.02).contains(&(unknown / unknown_px)), "{angles_deg:?}: {unknown}");
+            assert!((0.92..1.07).contains(&(unknown / unknown_px)), "{angles_deg:?}: {unknown}");
         }
     }
 
