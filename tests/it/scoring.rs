@@ -132,6 +132,20 @@ fn the_nearest_of_what_is_known_says_what_an_answer_is() {
 }
 
 #[test]
+fn an_answer_near_a_corner_asked_for_is_never_ignored() {
+    let scene = scene();
+    let mut truth = scene.truth.clone();
+    let points = visible(&truth);
+    let hidden = truth.corners.iter_mut().find(|corner| corner.image_point_px == points[1]);
+    let hidden = hidden.expect("the corner");
+    (hidden.visibility, hidden.image_point_px) = (Visibility::Occluded, moved(points[0], 4.0));
+    let answers = [answer(points[0], 5.0), answer(moved(points[0], 3.5), 9.0)];
+    assert_eq!(places(&score(&scene, &truth, RULE, &answers)), [Place::Duplicate]);
+    let beyond = [answer(moved(points[0], 6.0), 9.0)];
+    assert_eq!(places(&score(&scene, &truth, RULE, &beyond)), [Place::HiddenCorner]);
+}
+
+#[test]
 fn a_corner_s_bound_grows_with_the_camera_s_noise() {
     let scene = scene();
     let camera = scene.description.camera;
