@@ -98,7 +98,7 @@ fn detectors_equal_opencv() {
     });
     // The strongest response is on the image's border: it counts for the threshold, but is no corner.
     let mut border = image::RgbImage::from_fn(200, 160, |x, y| {
-        image::Rgb(texture.get_pixel(x, y).0.map(|value| value / 2))
+        image::Rgb(texture.get_pixel(x, y).0.map(|value| value / 8))
     });
     border.put_pixel(0, 40, image::Rgb([255; 3]));
     for (name, picture) in
@@ -170,7 +170,7 @@ fn detectors_equal_opencv() {
         for corners in [&mut ours, &mut theirs] {
             corners.sort_by(|a, b| a[1].total_cmp(&b[1]).then(a[0].total_cmp(&b[0])));
         }
-        assert!(theirs.len() > 20, "{name}: {}", theirs.len());
+        assert!(theirs.len() > 20 || name == "border", "{name}: {}", theirs.len());
         assert_eq!(ours, theirs, "{name}");
     }
 }
