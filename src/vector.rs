@@ -106,6 +106,12 @@ impl<S: Simd> Lanes<S> {
         self.simd.partial_store_f32s(&mut samples[first..], self.values);
     }
 
+    /// The sum of all lanes.
+    #[inline(always)]
+    pub fn total(self) -> f32 {
+        self.simd.reduce_sum_f32s(self.values)
+    }
+
     /// The largest lane.
     #[inline(always)]
     pub fn largest(self) -> f32 {

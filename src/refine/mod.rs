@@ -7,6 +7,7 @@ use crate::geometry::ImagePoint;
 use crate::registry::Entry;
 use crate::sensor::Exposure;
 
+pub mod annular_orthogonality;
 pub mod corner_sub_pix;
 pub mod none;
 
@@ -19,6 +20,8 @@ pub enum RefineStatus {
     MaxIterations,
     /// The answer lay too far from the seed and was given up; the position is the seed.
     Reverted,
+    /// The way from the seed led out of its neighbourhood; the position is the seed.
+    Diverged,
     /// The equations are singular (no gradient, or one direction only); the position is the seed.
     Singular,
     /// The seed or the way from it leaves the image, or no window fits into it; the position is the
@@ -33,6 +36,7 @@ impl RefineStatus {
             Self::Ok => "ok",
             Self::MaxIterations => "max_iterations",
             Self::Reverted => "reverted",
+            Self::Diverged => "diverged",
             Self::Singular => "singular",
             Self::OutOfBounds => "out_of_bounds",
         }
@@ -74,4 +78,5 @@ pub trait Refiner: Send + Sync {
 }
 
 /// Every refiner that a plan can name, in alphabetical order.
-pub const REFINERS: &[Entry<dyn Refiner>] = &[corner_sub_pix::ENTRY, none::ENTRY];
+pub const REFINERS: &[Entry<dyn Refiner>] =
+    &[annular_orthogonality::ENTRY, corner_sub_pix::ENTRY, none::ENTRY];

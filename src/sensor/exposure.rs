@@ -196,6 +196,11 @@ impl Exposure {
         slope * slope * noise.sensor.variance_dn2(raw_dn) + rounding
     }
 
+    /// Samples to linear light.
+    pub fn linear_light(&self) -> LinearLight {
+        LinearLight::new(self.encoding)
+    }
+
     /// Grey value \[DN\]: the encoded channels weighted by 0.299, 0.587, 0.114 (Rec. 601) and rounded
     /// to a whole number, halves upwards. OpenCV's `cvtColor` rounds its weights to fixed point: it
     /// differs by one in about one pixel of a thousand.
@@ -236,4 +241,43 @@ pub struct Rig {
     pub camera: Camera,
     /// Where it stands.
     pub world_from_camera: Pose,
+}
+
+/// From samples to linear light.
+#[derive(Clone, Debug)]
+pub struct LinearLight {
+    black_dn: f32,
+    scale: f32,
+    /// Of whole numbers of DN, where the curve is not a line.
+    table: Vec<f32>,
+}
+
+impl LinearLight {
+    fn new(encoding: Encoding) -> Self {
+        let (full, black) = (encoding.full_scale_dn(), encoding.black_dn);
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "at most 65535")]
+        let decoded = |dn: u32| {
+            encoding.transfer.decode(((f64::from(dn) - black) / (full - black)).max(0.0)) as f32
+        };
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "at most 65535")]
+        let table = match encoding.transfer {
+            Transfer::Linear => Vec::new(),
+            _ => (0..=full as u32 + 1).map(decoded).collect(),
+        };
+        #[allow(clippy::cast_possible_truncation, reason = "samples are f32")]
+        Self { black_dn: black as f32, scale: (1.0 / (full - black)) as f32, table }
+    }
+
+    /// The light of a sample \[DN\], 0 at black and 1 at full scale; between whole numbers interpolated.
+    #[inline(always)]
+    pub fn of(&self, sample_dn: f32) -> f32 {
+        if self.table.is_empty() {
+            return (sample_dn - self.black_dn) * self.scale;
+        }
+        let place = sample_dn.clamp(0.0, (self.table.len() - 2) as f32);
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "in the table")]
+        let index = place as usize;
+        let (low, high) = (self.table[index], self.table[index + 1]);
+        (high - low).mul_add(place - index as f32, low)
+    }
 }

@@ -15,7 +15,7 @@ mod transfer;
 
 pub use camera_model::{CameraModel, Colour, Curve, Output};
 pub use electrons::Sensor;
-pub use exposure::{Encoding, Exposure, NoiseModel, Rig};
+pub use exposure::{Encoding, Exposure, LinearLight, NoiseModel, Rig};
 pub use kernel::{GatherBuffers, Kernel};
 pub use mosaic::Demosaic;
 pub use optics::Optics;

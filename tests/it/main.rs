@@ -15,6 +15,7 @@ mod opencv;
 mod oracle;
 mod python;
 mod range_sensors;
+mod refiners;
 mod rendering;
 mod responses;
 mod scoring;
