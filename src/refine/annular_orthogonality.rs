@@ -27,7 +27,11 @@
 //! # Border      pixels beyond the image are replicated for the gradients and have no weight; a seed
 //!               outside the image is out_of_bounds.
 //! # Cost        O((R + max_shift)^2) for the gradients of a seed, O(R^2) for each iteration.
-//! # Departures  The source's weights are exp(-r^2 / 2 sigma^2) / (1 + exp((z - r) / 0.3)).
+//! # Departures  The source's sums are over all of a window. The annulus wants edges that are straight, alone
+//!               and of even brightness on both sides out to R: on the six scenes of suite `quick`, with
+//!               Harris's seeds, inner edges, shadows and occluders within 14 px make it worse (median
+//!               0.91 px) than corner_sub_pix (0.38 px); R = 7 and z = 1.5 give 0.54 px. Where other things
+//!               are near, give a smaller R.
 //! # Source      Foerstner & Guelch, ISPRS Intercommission Workshop 1987 (the equations).
 //! # Checked by  tests/it/contract.rs (all), tests/it/refiners.rs
 //! ```
