@@ -3,7 +3,8 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::image::Plane;
+use crate::detect::peaks::{Response, ResponseMemory};
+use crate::image::{PixelRange, Plane, View};
 use crate::sensor::Exposure;
 
 /// What of an exposure is differentiated.
@@ -65,5 +66,31 @@ impl Channel {
                 [(red, weight[0]), (green, weight[1]), (blue, weight[2])].map(Some)
             }
         }
+    }
+}
+
+/// A score of a shade at every pixel as a response.
+pub(super) struct Scored<F> {
+    /// What is looked at.
+    pub(super) shade: Shade,
+    /// How far from a pixel the others lie that its score is made of \[px\].
+    pub(super) radius_px: usize,
+    /// Replaces its last argument by the scores of an image of the exposure \[DN\], of that image's size.
+    pub(super) score: F,
+}
+
+impl<F: Fn(View<'_, f32>, &Exposure, &mut Plane<f32>) + Sync> Response for Scored<F> {
+    fn support(&self) -> usize {
+        self.radius_px
+    }
+
+    fn respond(
+        &self,
+        exposure: &Exposure,
+        range: PixelRange,
+        _: &mut ResponseMemory,
+        response: &mut Plane<f32>,
+    ) {
+        (self.score)(self.shade.plane(exposure).view().crop(range), exposure, response);
     }
 }

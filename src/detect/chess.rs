@@ -23,9 +23,10 @@ use pulp::Simd;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::detect::peaks::{PeakDetector, Response, ResponseMemory};
+use crate::detect::channel::Scored;
+use crate::detect::peaks::{PeakDetector, Response};
 use crate::detect::{Detector, Peaks, Shade};
-use crate::image::{PixelRange, Plane, View};
+use crate::image::{Plane, View};
 use crate::registry::{Entry, defaults, parameters, schema};
 use crate::sensor::Exposure;
 use crate::vector::{Lanes, Real};
@@ -73,24 +74,6 @@ const RING: [[isize; 2]; 16] = [
 ];
 const RADIUS: usize = 5;
 
-impl Response for Chess {
-    fn support(&self) -> usize {
-        RADIUS
-    }
-
-    fn respond(
-        &self,
-        exposure: &Exposure,
-        range: PixelRange,
-        _: &mut ResponseMemory,
-        response: &mut Plane<f32>,
-    ) {
-        let image = self.channel.plane(exposure).view().crop(range);
-        response.reset(range.width(), range.height(), 0.0);
-        pulp::Arch::new().dispatch(Rings { image, response });
-    }
-}
-
 /// Responses of an image: compiled for the machine's vectors.
 struct Rings<'a> {
     image: View<'a, f32>,
@@ -136,7 +119,11 @@ impl pulp::WithSimd for Rings<'_> {
 
 impl PeakDetector for Chess {
     fn response(&self) -> impl Response {
-        self
+        let score = |image: View<'_, f32>, _: &Exposure, response: &mut Plane<f32>| {
+            response.reset(image.width(), image.height(), 0.0);
+            pulp::Arch::new().dispatch(Rings { image, response });
+        };
+        Scored { shade: self.channel, radius_px: RADIUS, score }
     }
 
     fn peaks(&self) -> &Peaks {

@@ -28,9 +28,10 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::detect::area::SearchArea;
 use crate::detect::hessian_determinant::HessianDeterminant;
 use crate::detect::jet::{Derivatives, Jet, MeasureJet};
-use crate::detect::peaks::{Response, ResponseMemory, SearchArea};
+use crate::detect::peaks::{Response, ResponseMemory};
 use crate::detect::{Detection, Detector, Peaks, Scratch};
 use crate::geometry::ImagePoint;
 use crate::image::{PixelRange, Plane};

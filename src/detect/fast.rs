@@ -26,9 +26,11 @@ use pulp::Simd;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::detect::peaks::{Equals, PeakDetector, Response, ResponseMemory};
+use crate::detect::channel::Scored;
+use crate::detect::maxima::Equals;
+use crate::detect::peaks::{PeakDetector, Response};
 use crate::detect::{Detector, Peaks, Shade};
-use crate::image::{PixelRange, Plane, View};
+use crate::image::{Plane, View};
 use crate::registry::{Entry, defaults, parameters, schema};
 use crate::sensor::Exposure;
 use crate::vector::{Lanes, Real};
@@ -212,29 +214,16 @@ fn score_of<R: Real, const ARC: usize>(differences: &[R; 16], zero: R) -> R {
     brightest.max(zero - darkest)
 }
 
-impl Response for Fast {
-    fn support(&self) -> usize {
-        RADIUS
-    }
-
-    fn respond(
-        &self,
-        exposure: &Exposure,
-        range: PixelRange,
-        _: &mut ResponseMemory,
-        response: &mut Plane<f32>,
-    ) {
-        #[allow(clippy::cast_possible_truncation, reason = "peaks compare exactly afterwards")]
-        let least_dn = (self.peaks.threshold as f32).next_down().max(0.0);
-        self.score(self.channel.plane(exposure).view().crop(range), least_dn, response);
-    }
-}
-
 impl PeakDetector for Fast {
     const EQUALS: Equals = Equals::None;
 
     fn response(&self) -> impl Response {
-        self
+        #[allow(clippy::cast_possible_truncation, reason = "peaks compare exactly afterwards")]
+        let least_dn = (self.peaks.threshold as f32).next_down().max(0.0);
+        let score = move |image: View<'_, f32>, _: &Exposure, score: &mut Plane<f32>| {
+            self.score(image, least_dn, score);
+        };
+        Scored { shade: self.channel, radius_px: RADIUS, score }
     }
 
     fn peaks(&self) -> &Peaks {

@@ -25,7 +25,8 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::detect::peaks::{Equals, Searched};
+use crate::detect::maxima::Equals;
+use crate::detect::peaks::Searched;
 use crate::detect::shi_tomasi::ShiTomasi;
 use crate::detect::tensor::{Derivative, Measured, StructureTensor, Window};
 use crate::detect::{Detection, Detector, Peaks, Scratch};
@@ -104,94 +105,23 @@ impl Detector for GoodFeatures {
         #[allow(clippy::cast_possible_truncation, reason = "as OpenCV compares")]
         let threshold =
             (f64::from(searched.strongest(&scratch.response)) * self.quality_level) as f32;
-        let Scratch { response, candidates, taken, disc, .. } = scratch;
+        let Scratch { response, candidates, taken, .. } = scratch;
         searched.candidates(response, 1, f64::from(threshold), Equals::All, candidates);
         candidates.strongest_and_last_first(); // as OpenCV's
         let most = if self.most > 0 { self.most as usize } else { usize::MAX };
-        taken.reset(exposure.width(), exposure.height());
-        half_widths(self.min_distance_px, disc);
+        let [width, height] = [exposure.width(), exposure.height()];
+        taken.reset([width, height], self.min_distance_px);
         for (index, response) in candidates.iter() {
             let [x, y] = searched.place(index);
             if found.len() == most {
                 break;
             }
             // The image's border pixels may be the strongest, but are no corners: as OpenCV has it.
-            let is_inside = x > 0 && y > 0 && x + 1 < taken.width && y + 1 < taken.height;
+            let is_inside = x > 0 && y > 0 && x + 1 < width && y + 1 < height;
             if is_inside && !taken.holds([x, y]) {
                 found.push(Detection::new(ImagePoint::new(x as f64, y as f64), response));
-                taken.take_disc([x, y], disc);
+                taken.take([x, y]);
             }
-        }
-    }
-}
-
-/// Replaces what `disc` holds by how far to both sides the pixels are nearer than `distance_px`, 0, 1, ...
-/// rows away; none where the distance is less than 1.
-fn half_widths(distance_px: f64, disc: &mut Vec<usize>) {
-    disc.clear();
-    if distance_px < 1.0 {
-        return;
-    }
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "1 to 1000")]
-    let reach = distance_px.ceil() as usize;
-    let mut half = reach;
-    for dy in 0..=reach {
-        while half > 0 && (half * half + dy * dy) as f64 >= distance_px * distance_px {
-            half -= 1;
-        }
-        if (half * half + dy * dy) as f64 >= distance_px * distance_px {
-            break;
-        }
-        disc.push(half);
-    }
-}
-
-/// Where no more corner may be: a bit for each pixel.
-#[derive(Debug, Default)]
-pub(super) struct Taken {
-    width: usize,
-    height: usize,
-    /// Words in a row.
-    pitch: usize,
-    words: Vec<u64>,
-}
-
-impl Taken {
-    /// Replaces it by an image of which nothing is taken.
-    fn reset(&mut self, width: usize, height: usize) {
-        (self.width, self.height, self.pitch) = (width, height, width.div_ceil(64));
-        self.words.clear();
-        self.words.resize(self.pitch * height, 0);
-    }
-
-    fn holds(&self, [x, y]: [usize; 2]) -> bool {
-        self.words[y * self.pitch + x / 64] >> (x % 64) & 1 == 1
-    }
-
-    /// Takes the pixels of a disc.
-    fn take_disc(&mut self, [x, y]: [usize; 2], half_widths: &[usize]) {
-        for (dy, half) in half_widths.iter().enumerate() {
-            let (first, last) = (x.saturating_sub(*half), (x + half).min(self.width - 1));
-            if y + dy < self.height {
-                self.take_row(y + dy, first, last);
-            }
-            if dy <= y {
-                self.take_row(y - dy, first, last);
-            }
-        }
-    }
-
-    /// Takes a part of a row.
-    fn take_row(&mut self, y: usize, first: usize, last: usize) {
-        let words = &mut self.words[y * self.pitch..][..self.pitch];
-        let (head, tail) = (u64::MAX << (first % 64), u64::MAX >> (63 - last % 64));
-        let (first, last) = (first / 64, last / 64);
-        if first == last {
-            words[first] |= head & tail;
-        } else {
-            words[first] |= head;
-            words[first + 1..last].fill(u64::MAX);
-            words[last] |= tail;
         }
     }
 }

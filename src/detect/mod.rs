@@ -10,6 +10,7 @@ pub use channel::{Channel, Shade};
 pub use peaks::{Peaks, Scratch};
 pub use places::Places;
 
+mod area;
 mod channel;
 pub mod chess;
 pub mod contour_curvature;
@@ -24,6 +25,7 @@ pub mod jet;
 pub mod kitchen_rosenfeld;
 mod line;
 pub mod line_junctions;
+mod maxima;
 pub mod noble;
 pub mod peaks;
 mod places;
@@ -31,6 +33,7 @@ pub mod red_polygon;
 pub mod rohr;
 pub mod shi_tomasi;
 pub mod susan;
+mod taken;
 pub mod tensor;
 
 /// A corner candidate.

@@ -4,7 +4,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::detect::Detection;
-use crate::detect::peaks::{SearchArea, holds};
+use crate::detect::area::{SearchArea, holds};
 use crate::image::PixelRange;
 use crate::sensor::Exposure;
 use crate::target::TargetRegion;

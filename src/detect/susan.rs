@@ -25,9 +25,10 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::detect::peaks::{PeakDetector, Response, ResponseMemory};
+use crate::detect::channel::Scored;
+use crate::detect::peaks::{PeakDetector, Response};
 use crate::detect::{Detector, Peaks, Shade};
-use crate::image::{PixelRange, Plane, View};
+use crate::image::{Plane, View};
 use crate::registry::{Entry, defaults, parameters, schema};
 use crate::sensor::Exposure;
 
@@ -153,26 +154,12 @@ impl Alike {
     }
 }
 
-impl Response for Susan {
-    fn support(&self) -> usize {
-        RADIUS
-    }
-
-    fn respond(
-        &self,
-        exposure: &Exposure,
-        range: PixelRange,
-        _: &mut ResponseMemory,
-        response: &mut Plane<f32>,
-    ) {
-        let image = self.channel.plane(exposure).view().crop(range);
-        self.score(image, exposure.encoding().full_scale_dn(), response);
-    }
-}
-
 impl PeakDetector for Susan {
     fn response(&self) -> impl Response {
-        self
+        let score = |image: View<'_, f32>, exposure: &Exposure, score: &mut Plane<f32>| {
+            self.score(image, exposure.encoding().full_scale_dn(), score);
+        };
+        Scored { shade: self.channel, radius_px: RADIUS, score }
     }
 
     fn peaks(&self) -> &Peaks {
