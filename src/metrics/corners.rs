@@ -160,12 +160,12 @@ impl<'a> Seen<'a> {
     fn place(&self, point: ImagePoint, rule: CornerRule) -> (Place, Option<usize>) {
         let truth = self.truth;
         let corners = truth.corners.iter().filter_map(|corner| {
-            let place = match self.fate_unanswered(corner, rule) {
-                Fate::Found | Fate::Missed => Place::Duplicate,
-                Fate::TooSmall => Place::SmallCorner,
-                Fate::TooUncertain => Place::UncertainCorner,
-                Fate::Hidden if corner.visibility == Visibility::Occluded => Place::HiddenCorner,
-                Fate::Hidden => return None,
+            let place = match self.unasked(corner, rule) {
+                None => Place::Duplicate,
+                Some(Fate::TooSmall) => Place::SmallCorner,
+                Some(Fate::TooUncertain) => Place::UncertainCorner,
+                Some(_) if corner.visibility == Visibility::Occluded => Place::HiddenCorner,
+                Some(_) => return None,
             };
             Some((point.distance_px(corner.image_point_px), place, None))
         });
@@ -199,16 +199,16 @@ impl<'a> Seen<'a> {
         (place, None)
     }
 
-    /// What becomes of a corner that has no answer.
-    fn fate_unanswered(&self, corner: &TrueCorner, rule: CornerRule) -> Fate {
+    /// Why a corner is not asked for; `None` where it is.
+    fn unasked(&self, corner: &TrueCorner, rule: CornerRule) -> Option<Fate> {
         if corner.visibility != Visibility::Visible {
-            Fate::Hidden
+            Some(Fate::Hidden)
         } else if corner.second_edge_px() < rule.least_edge_px {
-            Fate::TooSmall
+            Some(Fate::TooSmall)
         } else if self.bounds_px[corner.index].is_none_or(|bound| bound > rule.most_bound_px) {
-            Fate::TooUncertain
+            Some(Fate::TooUncertain)
         } else {
-            Fate::Missed
+            None
         }
     }
 }
@@ -220,11 +220,8 @@ impl<'a> Seen<'a> {
 /// far away is charged with the whole distance instead of losing the match.
 pub fn score_corners(seen: &Seen<'_>, answers: &[Corner], rule: CornerRule) -> CornerScores {
     let truth = seen.truth;
-    let asked: Vec<&TrueCorner> = truth
-        .corners
-        .iter()
-        .filter(|corner| seen.fate_unanswered(corner, rule) == Fate::Missed)
-        .collect();
+    let asked: Vec<&TrueCorner> =
+        truth.corners.iter().filter(|corner| seen.unasked(corner, rule).is_none()).collect();
     let asked_points: Vec<_> = asked.iter().map(|corner| corner.image_point_px).collect();
     let detected: Vec<_> = answers.iter().map(|corner| corner.seed.point).collect();
     let matched = assign(&asked_points, &detected, rule.gate_px);
@@ -239,7 +236,10 @@ pub fn score_corners(seen: &Seen<'_>, answers: &[Corner], rule: CornerRule) -> C
                 let answer = place.and_then(|place| matched.answer_of_truth[place]);
                 let error_px = |point: ImagePoint| point.distance_px(corner.image_point_px);
                 CornerScore {
-                    fate: answer.map_or(seen.fate_unanswered(corner, rule), |_| Fate::Found),
+                    fate: match answer {
+                        Some(_) => Fate::Found,
+                        None => seen.unasked(corner, rule).unwrap_or(Fate::Missed),
+                    },
                     answer,
                     found_at_response: place.and_then(|place| found_at[place]),
                     detected_error_px: answer.map(|index| error_px(answers[index].seed.point)),

@@ -197,7 +197,10 @@ pub fn causes(summary: &Summary) -> Words {
             || "0".to_owned(),
             |cause| match cause.junctions {
                 0 => cause.answers_at_best.to_string(),
-                all => format!("{} at {} of {all}", cause.answers_at_best, cause.answered_at_best),
+                all => format!(
+                    "{} ({} of {all} have one)",
+                    cause.answers_at_best, cause.answered_at_best
+                ),
             },
         )
     };

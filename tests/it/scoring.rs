@@ -153,9 +153,9 @@ fn a_corner_s_bound_grows_with_the_camera_s_noise() {
         let photographer = read_camera(&project().join("scenes"), name).expect("a camera");
         let photograph =
             photographer.take(&scene.film, &camera, [0.0, 0.0], &["bound"]).expect("taken");
-        let kernel = photographer.kernel(scene.film.oversampling, [0.0, 0.0]);
         let colour = photographer.model().colour;
-        let bounds = corner_bounds_px(&scene.truth, &photograph.exposure, colour, kernel.blur_px());
+        let bounds =
+            corner_bounds_px(&scene.truth, &photograph.exposure, colour, photograph.blur_px);
         let mut seen: Vec<f64> = Vec::new();
         for (corner, bound) in scene.truth.corners.iter().zip(bounds) {
             assert!(corner.junction.is_some() || bound.is_none(), "{name}: {}", corner.index);
