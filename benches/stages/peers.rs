@@ -200,9 +200,9 @@ struct Said {
 }
 
 #[derive(Deserialize)]
-struct TookS {
-    least: f64,
-    median: f64,
+pub struct TookS {
+    pub least: f64,
+    pub median: f64,
 }
 
 /// A picture, its file, and the folder for a library's responses to it.

@@ -18,24 +18,13 @@ Where the library is not installed this ends with exit code 3.
 import importlib
 import json
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
+from clock import times_s
 from PIL import Image
 
 NOT_INSTALLED = 3
-
-
-def times_s(call, repeats):
-    """Return the least time that a call takes, the lower quartile and the median [s]."""
-    took_s = []
-    for _ in range(repeats):
-        begun_s = time.perf_counter()
-        call()
-        took_s.append(time.perf_counter() - begun_s)
-    least_s, quartile_s, median_s = np.quantile(took_s, (0.0, 0.25, 0.5))
-    return {"least": least_s, "quartile": quartile_s, "median": median_s}
 
 
 def main():
