@@ -11,6 +11,10 @@
 //! has wedges blurred by a Gaussian; Olague & Hernandez (2005) junctions of several. Here the sector is
 //! not approximated.
 
+pub mod drawing;
+pub mod fit;
+pub mod rays;
+
 use std::f64::consts::{FRAC_1_SQRT_2, PI};
 
 use serde::{Deserialize, Serialize};
