@@ -45,6 +45,7 @@ pub struct Exposure {
     noise: Option<NoiseModel>,
     luma: OnceLock<Plane<f32>>,
     red_difference: OnceLock<Plane<f32>>,
+    is_grey: OnceLock<bool>,
 }
 
 impl Exposure {
@@ -103,6 +104,7 @@ impl Exposure {
             noise,
             luma: OnceLock::new(),
             red_difference: OnceLock::new(),
+            is_grey: OnceLock::new(),
         }
     }
 
@@ -194,6 +196,25 @@ impl Exposure {
         let raw_dn = noise.sensor.black_level_dn + light / scale;
         let slope = self.encoding.transfer.slope(light) * (full - black) * scale;
         slope * slope * noise.sensor.variance_dn2(raw_dn) + rounding
+    }
+
+    /// The planes that differ: one where all three are equal, else red, green and blue.
+    pub fn channels(&self) -> &[Plane<f32>] {
+        let [red, green, blue] = &self.rgb;
+        let is_grey = *self
+            .is_grey
+            .get_or_init(|| red.samples() == green.samples() && green.samples() == blue.samples());
+        if is_grey { &self.rgb[..1] } else { &self.rgb }
+    }
+
+    /// Variance of a sample of a channel in linear light, of which 1 is full scale, from its expected value:
+    /// [`Self::variance_dn2`] before the curve.
+    pub fn light_variance(&self, channel: usize, expected: f64) -> f64 {
+        let Encoding { transfer, black_dn, .. } = self.encoding;
+        let span_dn = self.encoding.full_scale_dn() - black_dn;
+        let slope_dn = transfer.slope(expected) * span_dn;
+        self.variance_dn2(channel, black_dn + span_dn * transfer.encode(expected))
+            / slope_dn.powi(2)
     }
 
     /// Samples to linear light.

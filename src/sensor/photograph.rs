@@ -51,9 +51,20 @@ pub struct Photograph {
     /// The camera as it was: phase, window and distortion included. It projects truth into the
     /// exposure.
     pub camera: Camera,
+    /// Standard deviation of blur and pixel area along one axis, the mean of both \[px\].
+    pub blur_px: f64,
     /// The light on the pixels without noise, in units of radiance: one plane per channel that the
     /// pixels see.
     pub light: Vec<Plane<f32>>,
+}
+
+/// Red, green and blue light on the pixels of a window, and how it got there.
+struct Gathered {
+    planes: [Plane<f32>; 3],
+    /// Where in the film's image the centre of pixel (0, 0) is \[px\].
+    phase_px: [f64; 2],
+    /// Standard deviation of blur and pixel area along one axis \[px\].
+    blur_px: f64,
 }
 
 /// Memory that photographs need; kept from one to the next.
@@ -152,7 +163,8 @@ impl Photographer {
             kernel.gather(radiance, window, &mut buffers.gather, &mut light);
             light
         });
-        self.developed(planes, camera, kernel.phase_px(), wanted, window, shot)
+        let gathered = Gathered { planes, phase_px: kernel.phase_px(), blur_px: kernel.blur_px() };
+        self.developed(gathered, camera, wanted, window, shot)
     }
 
     /// Takes a photograph of blurred junctions instead of a film: one of each of the three colours,
@@ -188,7 +200,30 @@ impl Photographer {
                 junction.over_pixel(window.x0 + x, window.y0 + y, aperture_px) as f32
             })
         });
-        Ok(self.developed(planes, camera, [0.0, 0.0], wanted, window, shot))
+        let blur_px = sigma_px.hypot(aperture_px / 12.0_f64.sqrt());
+        let gathered = Gathered { planes, phase_px: [0.0, 0.0], blur_px };
+        Ok(self.developed(gathered, camera, wanted, window, shot))
+    }
+
+    /// Takes a photograph of light that is on the pixels of the whole frame already, blurred by `blur_px` with
+    /// the pixel's area. The noise and the picture are this camera's, its optics have no part in it.
+    ///
+    /// # Panics
+    /// When the planes are not of the camera's size: a mistake of the caller's code.
+    pub fn expose_light(
+        &self,
+        planes: [Plane<f32>; 3],
+        blur_px: f64,
+        camera: &Camera,
+        name: &[&str],
+    ) -> Photograph {
+        let (wanted, window) = self.windows(camera, &Shot { name, window: None });
+        for plane in &planes {
+            let size = [plane.width(), plane.height()];
+            assert_eq!(size, [window.width(), window.height()], "light of the camera's size");
+        }
+        let gathered = Gathered { planes, phase_px: [0.0, 0.0], blur_px };
+        self.developed(gathered, camera, wanted, window, &Shot { name, window: None })
     }
 
     /// The part of the frame that is wanted, and what of it has to be taken for that.
@@ -205,12 +240,11 @@ impl Photographer {
         if self.model.colour == Colour::Rggb { self.model.output.demosaic.reach() } else { 0 }
     }
 
-    /// What becomes of red, green and blue light on the pixels of a window.
+    /// What becomes of gathered light.
     fn developed(
         &self,
-        planes: [Plane<f32>; 3],
+        Gathered { planes, phase_px: [phase_x, phase_y], blur_px }: Gathered,
         camera: &Camera,
-        [phase_x, phase_y]: [f64; 2],
         wanted: PixelRange,
         window: PixelRange,
         shot: &Shot,
@@ -258,6 +292,7 @@ impl Photographer {
         Photograph {
             exposure: Exposure::photographed(rgb, encoding, saturated, self.noise()),
             camera,
+            blur_px,
             light,
         }
     }
