@@ -154,7 +154,8 @@ pub struct Record {
     pub refined_x_px: Option<f64>,
     /// The refiner's position \[px\].
     pub refined_y_px: Option<f64>,
-    /// "ok", "max_iterations", "reverted", "diverged", "singular", "out_of_bounds".
+    /// "ok", "max_iterations", "reverted", "diverged", "singular", "out_of_bounds", "not_applicable",
+    /// "false_corner".
     pub refine_status: Option<String>,
     /// Iterations of the refiner.
     pub iterations: Option<i32>,

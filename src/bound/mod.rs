@@ -15,6 +15,8 @@
 //! wedge or Y with unknown levels, directions and blur this is 92 to 107 % where the blur is at most a pixel;
 //! with more it is too small.
 
+mod junction;
+
 use std::f64::consts::PI;
 
 use nalgebra::{Matrix2, SymmetricEigen, Vector2};
@@ -23,6 +25,8 @@ use crate::geometry::ImagePoint;
 use crate::image::Plane;
 use crate::scene::{TrueCorner, Truth};
 use crate::sensor::{Colour, Exposure};
+
+pub use junction::junction_bound;
 
 /// An edge that ends at a corner.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -107,8 +111,8 @@ struct Sides {
     length_px: f64,
 }
 
-/// How far to a side, and from which share of the length on: where neither the edge's own blur nor the
-/// corner's other edges are.
+/// How far to a side, and from which share of the length on: where neither the edge's own blur, of a pixel or
+/// less, nor the corner's other edges are. With more blur contrast is told too small, and the bound too large.
 const OFFSET_PX: f64 = 1.5;
 const FIRST_SHARE: f64 = 0.35;
 const PLACES: u32 = 24;
@@ -163,7 +167,7 @@ fn pixel(plane: &Plane<f32>, x: f64, y: f64) -> Option<f64> {
 mod tests {
     use super::*;
 
-    /// Edges at these angles, of 10 px, each with a contrast of `levels` over noise of 0.02.
+    /// Edges at these angles, of 10 px, each with its contrast, over noise of 0.02.
     fn bound(angles_deg: &[f64], contrasts: &[f64], blur_px: f64, directions: Directions) -> f64 {
         let edges: Vec<_> = angles_deg
             .iter()

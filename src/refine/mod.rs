@@ -9,6 +9,7 @@ use crate::sensor::Exposure;
 
 pub mod annular_orthogonality;
 pub mod corner_sub_pix;
+pub mod junction_fit;
 pub mod none;
 
 /// What became of one candidate.
@@ -27,6 +28,12 @@ pub enum RefineStatus {
     /// The seed or the way from it leaves the image, or no window fits into it; the position is the
     /// seed.
     OutOfBounds,
+    /// What is there is nothing that the method can locate: an X corner's method at another corner;
+    /// the position is the seed.
+    NotApplicable,
+    /// What is there looks like a corner and is none: an edge that ends behind another one. The
+    /// position is the seed.
+    FalseCorner,
 }
 
 impl RefineStatus {
@@ -39,6 +46,8 @@ impl RefineStatus {
             Self::Diverged => "diverged",
             Self::Singular => "singular",
             Self::OutOfBounds => "out_of_bounds",
+            Self::NotApplicable => "not_applicable",
+            Self::FalseCorner => "false_corner",
         }
     }
 
@@ -79,4 +88,4 @@ pub trait Refiner: Send + Sync {
 
 /// Every refiner that a plan can name, in alphabetical order.
 pub const REFINERS: &[Entry<dyn Refiner>] =
-    &[annular_orthogonality::ENTRY, corner_sub_pix::ENTRY, none::ENTRY];
+    &[annular_orthogonality::ENTRY, corner_sub_pix::ENTRY, junction_fit::ENTRY, none::ENTRY];

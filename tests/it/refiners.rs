@@ -78,6 +78,36 @@ fn an_annulus_leaves_out_what_blur_rounds() {
 }
 
 #[test]
+fn a_corner_beyond_the_largest_shift_has_diverged() {
+    let (_, junction) = &junctions(0.7)[1];
+    let near = AnnularOrthogonality { max_shift_px: 1.0, ..AnnularOrthogonality::default() };
+    let far = seed(junction.vertex.x + 1.8, junction.vertex.y);
+    let corner = near.refine(&exposure(junction), &[far])[0];
+    assert_eq!((corner.status, corner.position), (RefineStatus::Diverged, far.point));
+}
+
+#[test]
+fn linear_light_undoes_the_camera_s_curve() {
+    // The same light, encoded by sRGB and not rounded: the same corner, not one shifted by the curve.
+    for (name, junction) in &junctions(1.0) {
+        let linear = exposure(junction);
+        let transfer = Transfer::Srgb;
+        let plane = linear.rgb()[0].map(|dn| {
+            #[allow(clippy::cast_possible_truncation, reason = "samples are f32")]
+            let encoded = (65535.0 * transfer.encode(f64::from(dn) / 65535.0)) as f32;
+            encoded
+        });
+        let encoding = Encoding { bit_depth: 16, transfer, black_dn: 0.0 };
+        let encoded = Exposure::new([plane.clone(), plane.clone(), plane], encoding);
+        let seeds = [seed(junction.vertex.x + 1.0, junction.vertex.y)];
+        let annular = AnnularOrthogonality::default();
+        let [one, other] = [linear, encoded.expect("finite")]
+            .map(|exposure| annular.refine(&exposure, &seeds)[0].position);
+        assert!(one.distance_px(other) < 2e-3, "{name}: {one:?} {other:?}");
+    }
+}
+
+#[test]
 fn flat_and_straight_surroundings_are_singular() {
     let encoding = Encoding { bit_depth: 8, transfer: Transfer::Srgb, black_dn: 0.0 };
     let of = |sample: &dyn Fn(usize, usize) -> f32| {
