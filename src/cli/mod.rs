@@ -5,6 +5,7 @@ mod estimate;
 mod export;
 mod expose;
 mod interrupt;
+mod limits;
 mod list;
 mod locate;
 mod measure;
@@ -83,6 +84,8 @@ enum Command {
     Export(export::Options),
     /// Refine points of, or find corners in, a picture of one's own.
     Locate(locate::Options),
+    /// Measure every refiner on drawn corners by the thousand, beside the Cramér-Rao bound.
+    Limits(limits::Options),
     /// List what can be named: suites, families, plans, cameras, range sensors, algorithms.
     List(list::Options),
     /// Write the JSON Schemas by which editors complete and check the recipes.
@@ -131,6 +134,7 @@ fn run(arguments: &Arguments) -> Result<Ended> {
         Command::Expose(options) => expose::run(global, options),
         Command::Export(options) => export::run(global, options),
         Command::Locate(options) => locate::run(global, options),
+        Command::Limits(options) => limits::run(global, options),
         Command::List(options) => list::run(global, options),
         Command::Schemas(options) => schemas::run(global, options),
     }

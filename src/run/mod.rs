@@ -1,5 +1,6 @@
 //! Executes a plan over a dataset: every scene photographed, every pipeline run, every answer scored.
 
+pub mod limits;
 mod photographs;
 mod pictures;
 mod score;
@@ -129,9 +130,8 @@ fn measure_scene(
     fs::create_dir_all(folder).map_err(Error::io(folder, "create"))?;
     pictures::write_exposure(&folder.join("exposure.png"), &exposure)?;
     let depth_range_m = pictures::write_depth(&folder.join("depth.png"), &scene.geometry.depth_m)?;
-    let camera_blur_px = plan.photographer.kernel(scene.film.oversampling, [0.0, 0.0]).blur_px();
     let colour = plan.photographer.model().colour;
-    let bounds_px = corner_bounds_px(&truth, &exposure, colour, camera_blur_px);
+    let bounds_px = corner_bounds_px(&truth, &exposure, colour, photograph.blur_px);
     let scorer = Scorer {
         seen: Seen::new(scene, &truth, bounds_px, &rig),
         rig: &rig,
