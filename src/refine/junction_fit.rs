@@ -35,7 +35,6 @@
 //! ```
 
 mod patch;
-mod start;
 mod third;
 
 use nalgebra::Matrix2;
@@ -46,12 +45,12 @@ use crate::detect::Detection;
 use crate::geometry::ImagePoint;
 use crate::junction::fit::{Fit, Fitter, Freedom, NoFit, Samples};
 use crate::junction::rays::Rays;
+use crate::refine::starts::Starts;
 use crate::refine::{Corner, RefineStatus, Refiner};
 use crate::registry::{Entry, defaults, parameters, schema};
 use crate::sensor::Exposure;
 
 pub use patch::Patches;
-use start::Starts;
 use third::{Ring, with_third};
 
 /// The registry's line.
@@ -108,12 +107,8 @@ impl Refiner for JunctionFit {
             ring: Ring::default(),
             iterations: 0,
         };
-        let (width, height) = (exposure.width() as f64, exposure.height() as f64);
-        let is_inside = |point: ImagePoint| {
-            (-0.5..width - 0.5).contains(&point.x) && (-0.5..height - 0.5).contains(&point.y)
-        };
         let refined = |seed: &Detection| {
-            if !is_inside(seed.point) {
+            if !work.patches.light.is_inside(seed.point) {
                 return Corner::at_seed(*seed, 0, RefineStatus::OutOfBounds);
             }
             work.iterations = 0;
@@ -263,9 +258,9 @@ impl Work<'_> {
     /// The junction of which least is left over, or the first that leaves no more than noise, of those that
     /// edges about a place suggest.
     fn best_about(&mut self, place: ImagePoint, seed: ImagePoint) -> Result<Placed, RefineStatus> {
-        let deviations_dn = self.patches.deviations_dn(place);
+        let deviations_dn = self.patches.light.deviations_dn(place);
         let max_shift_px = self.refiner.max_shift_px;
-        self.starts.look(self.patches.planes, &deviations_dn, place, max_shift_px);
+        self.starts.look(self.patches.light.planes, &deviations_dn, place, max_shift_px);
         let mut best: Result<Placed, _> = Err(RefineStatus::Singular);
         for index in 0..self.starts.found.len() {
             let start = self.starts.found[index];
@@ -327,7 +322,7 @@ impl Work<'_> {
     fn two_or_three(&mut self, start: Rays, radius_px: f64) -> Result<Placed, RefineStatus> {
         const SURELY_RAD: f64 = 0.05;
         let first = self.fit(start, radius_px);
-        let channels = self.patches.planes.len();
+        let channels = self.patches.light.planes.len();
         if start.count == 2 {
             let two = first?;
             if !two.is_left_over(2.0) {

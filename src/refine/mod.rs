@@ -10,7 +10,9 @@ use crate::sensor::Exposure;
 pub mod annular_orthogonality;
 pub mod corner_sub_pix;
 pub mod junction_fit;
+mod light;
 pub mod none;
+mod starts;
 
 /// What became of one candidate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
