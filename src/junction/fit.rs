@@ -8,7 +8,7 @@
 use nalgebra::{Matrix2, SMatrix, SVector};
 use pulp::Simd;
 
-use super::rays::{Fields, MOST_RAYS, Places, Rays};
+use super::rays::{Area, Fields, MOST_RAYS, Places, Rays};
 use crate::vector::{Lanes, Real};
 
 /// Parameters that are not linear: the vertex, the blur, and a direction of each ray.
@@ -227,7 +227,7 @@ impl Fitter {
 
     /// Levels, what is left, and the normal equations at a shape.
     fn state(&mut self, samples: &Samples, rays: &Rays, freedom: &Freedom) -> Option<State> {
-        self.fields.compute(rays, &samples.places);
+        self.fields.compute(rays, &samples.places, Area::Pixel);
         self.columns.resize(COLUMNS * samples.places.x.len(), 0.0);
         let mut state = State {
             rays: *rays,
@@ -346,7 +346,7 @@ impl Fitter {
         rays: &Rays,
         levels: &[Levels; 3],
     ) -> Information {
-        self.fields.compute(rays, &samples.places);
+        self.fields.compute(rays, &samples.places, Area::Pixel);
         self.columns.resize(COLUMNS * samples.places.x.len(), 0.0);
         let channels = samples.channels[..samples.channel_count].iter().zip(levels);
         let of_channel = |(channel, levels): (&Channel, &Levels)| {

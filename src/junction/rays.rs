@@ -12,6 +12,10 @@
 //!
 //! the blurred ray, and its first and second moment along itself. All derivatives are sums of these:
 //! grad S_i = (n_i P_i - n_(i+1) P_(i+1)) / sigma, and a sector with a ramp, x S + sigma^2 dS/dx, is exact.
+//!
+//! A pixel's square has the variance of a Gaussian, 1/12 px^2 along each axis, but less of the fourth order:
+//! the logarithm of its transfer function, sin(f/2) / (f/2), is -f^2/24 - f^4/2880 - ... Over pixels,
+//! therefore, S - (d^4/dx^4 + d^4/dy^4) S / 2880, which again is a term for each ray.
 
 use pulp::Simd;
 
@@ -25,7 +29,7 @@ pub const MOST_RAYS: usize = 3;
 pub struct Rays {
     /// Where they start \[px\].
     pub vertex: [f64; 2],
-    /// Standard deviation of the blur, the pixel's area included \[px\].
+    /// Standard deviation of the blur \[px\]: over pixels with their area, `hypot(blur, 1 / sqrt(12))`.
     pub sigma_px: f64,
     /// How many there are: 2 or 3.
     pub count: usize,
@@ -103,6 +107,18 @@ impl Places {
     }
 }
 
+/// So near to the vertex nothing is different.
+const NEXT_TO_PX: f32 = 1e-6;
+
+/// What a sample is the mean of, beside the blur.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Area {
+    /// Nothing more: the value at a point.
+    Point,
+    /// The square of a pixel, whose variance is part of the blur.
+    Pixel,
+}
+
 /// What rays make of places: shares of sectors, and what rays that move would change.
 #[derive(Clone, Debug, Default)]
 pub struct Fields {
@@ -117,9 +133,9 @@ pub struct Fields {
 }
 
 impl Fields {
-    /// Computes all of them.
-    pub fn compute(&mut self, rays: &Rays, places: &Places) {
-        pulp::Arch::new().dispatch(Compute { fields: self, rays, places });
+    /// Computes all of them. What rays that move would change is that of a Gaussian alone.
+    pub fn compute(&mut self, rays: &Rays, places: &Places, area: Area) {
+        pulp::Arch::new().dispatch(Compute { fields: self, rays, places, area });
     }
 }
 
@@ -127,6 +143,7 @@ struct Compute<'a> {
     fields: &'a mut Fields,
     rays: &'a Rays,
     places: &'a Places,
+    area: Area,
 }
 
 impl pulp::WithSimd for Compute<'_> {
@@ -135,7 +152,7 @@ impl pulp::WithSimd for Compute<'_> {
     #[inline(always)]
     #[allow(clippy::cast_possible_truncation, reason = "samples are in single precision")]
     fn with_simd<S: Simd>(self, simd: S) {
-        let Self { fields, rays, places } = self;
+        let Self { fields, rays, places, area } = self;
         let count = places.x.len();
         for field in [&mut fields.share, &mut fields.line, &mut fields.moment] {
             for of_one in &mut field[..rays.count] {
@@ -150,22 +167,27 @@ impl pulp::WithSimd for Compute<'_> {
         let widest = rays.widest();
         let mut cosines = [zero; MOST_RAYS];
         let mut sines = [zero; MOST_RAYS];
+        let mut squares = [Square::none(zero); MOST_RAYS];
         for ray in 0..rays.count {
             let (sine, cosine) = rays.angles_rad[ray].sin_cos();
             cosines[ray] = splat(cosine / rays.sigma_px);
             sines[ray] = splat(sine / rays.sigma_px);
+            if area == Area::Pixel {
+                squares[ray] = Square::of([sine, cosine], rays.sigma_px).map(splat);
+            }
         }
         let [vertex_x, vertex_y] = rays.vertex.map(splat);
         let mut first = 0;
         while first < count {
-            let dx = Lanes::load(simd, &places.x, first) - vertex_x;
+            // On the vertex itself a ray's terms depend on where one comes from: for all rays from one side.
+            let dx = Lanes::load(simd, &places.x, first) - vertex_x + NEXT_TO_PX;
             let dy = Lanes::load(simd, &places.y, first) - vertex_y;
             let mut halves = [zero; MOST_RAYS];
             let mut signs = [zero; MOST_RAYS];
             for ray in 0..rays.count {
                 let u = dx.mul_add(cosines[ray], dy * sines[ray]);
                 let w = dy.mul_add(cosines[ray], zero - dx * sines[ray]);
-                let terms = Terms::of(simd, u, w);
+                let terms = Terms::of(simd, u, w, &squares[ray]);
                 halves[ray] = terms.half;
                 signs[ray] = splat(0.5).copysign(w);
                 terms.line.store(&mut fields.line[ray], first);
@@ -198,6 +220,43 @@ struct Terms<R> {
     second_moment: R,
 }
 
+/// What the square of a pixel adds to A: with B = phi(u) phi(w),
+/// B (a (u^2 - 1) + b u w + c (w^2 - 1)) - d (w^3 - 3 w) P.
+#[derive(Clone, Copy)]
+struct Square<R> {
+    a: R,
+    b: R,
+    c: R,
+    d: R,
+}
+
+impl<R: Copy> Square<R> {
+    #[inline(always)]
+    fn none(zero: R) -> Self {
+        Self { a: zero, b: zero, c: zero, d: zero }
+    }
+}
+
+impl Square<f64> {
+    /// -(d^3/dx^3 n_x + d^3/dy^3 n_y) P / (2880 sigma) of a ray in this direction.
+    fn of([sine, cosine]: [f64; 2], sigma_px: f64) -> Self {
+        let scale = -1.0 / (2880.0 * sigma_px.powi(4));
+        let both = sine * cosine;
+        let skew = both * (sine * sine - cosine * cosine);
+        Self {
+            a: scale * skew,
+            b: scale * 6.0 * both * both,
+            c: -3.0 * scale * skew,
+            d: scale * (1.0 - 2.0 * both * both),
+        }
+    }
+
+    #[inline(always)]
+    fn map<R>(self, of: impl Fn(f64) -> R) -> Square<R> {
+        Square { a: of(self.a), b: of(self.b), c: of(self.c), d: of(self.d) }
+    }
+}
+
 /// Nodes and weights of Gauss and Legendre on \[0, 1\], five of them.
 const NODES: [(f32, f32); 5] = [
     (0.046_910_077, 0.118_463_44),
@@ -209,7 +268,7 @@ const NODES: [(f32, f32); 5] = [
 
 impl<S: Simd> Terms<Lanes<S>> {
     #[inline(always)]
-    fn of(simd: S, u: Lanes<S>, w: Lanes<S>) -> Self {
+    fn of(simd: S, u: Lanes<S>, w: Lanes<S>, square: &Square<Lanes<S>>) -> Self {
         const PER_TURN: f32 = 0.5 * std::f32::consts::FRAC_1_PI;
         let splat = |value: f32| Lanes::splat(simd, value);
         let one = splat(1.0);
@@ -238,7 +297,12 @@ impl<S: Simd> Terms<Lanes<S>> {
         let density_u = bell_u * (PER_TURN * 2.0).sqrt() * std::f32::consts::FRAC_1_SQRT_2;
         let line = density * below_u;
         let moment = density * u.mul_add(below_u, density_u);
-        Self { half: below_w * 0.5 - owen, line, moment, second_moment: u.mul_add(moment, line) }
+        let (u2, w2) = (u * u, w * w);
+        let hermite = square.a.mul_add(u2 - one, square.b * u * w);
+        let hermite = square.c.mul_add(w2 - one, hermite);
+        let of_square = density * density_u * hermite - square.d * w * (w2 + -3.0) * line;
+        let half = below_w * 0.5 - owen + of_square;
+        Self { half, line, moment, second_moment: u.mul_add(moment, line) }
     }
 }
 

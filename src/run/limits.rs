@@ -67,12 +67,11 @@ pub struct Score {
     pub located: usize,
     /// Those that were not answered, and said so.
     pub declined: usize,
-    /// Root mean square error of those located \[px\].
-    pub rmse_px: f64,
+    /// Root mean square error of all that were answered, however far \[px\]; `None` where none was.
+    pub rmse_px: Option<f64>,
     /// The same over that of their bounds with ramps unknown.
-    pub rmse_over_bound: f64,
-    /// The length of the mean error without noise, in the corner's own frame, of some \[px\]; `None` where none
-    /// of them was located.
+    pub rmse_over_bound: Option<f64>,
+    /// The length of the mean error without noise, in the corner's own frame, of some \[px\].
     pub bias_px: Option<f64>,
     /// Mean of the squared error over the covariance: 2 where that is right; of methods that have one.
     pub nees: Option<f64>,
@@ -231,8 +230,8 @@ fn score(name: &str, index: usize, trials: &[Trial]) -> Score {
         asked: 0,
         located: 0,
         declined: 0,
-        rmse_px: 0.0,
-        rmse_over_bound: 0.0,
+        rmse_px: None,
+        rmse_over_bound: None,
         bias_px: None,
         nees: None,
     };
@@ -241,10 +240,8 @@ fn score(name: &str, index: usize, trials: &[Trial]) -> Score {
     for trial in trials {
         if let Some(corner) = trial.noise_free.get(index).filter(|c| c.status.answered()) {
             let error = trial.error_px(corner);
-            if error[0].hypot(error[1]) <= FAILED_PX {
-                bias = [bias[0] + error[0], bias[1] + error[1]];
-                noise_free += 1;
-            }
+            bias = [bias[0] + error[0], bias[1] + error[1]];
+            noise_free += 1;
         }
         let Some(corner) = trial.corners.get(index) else { continue };
         score.asked += 1;
@@ -254,12 +251,9 @@ fn score(name: &str, index: usize, trials: &[Trial]) -> Score {
         }
         let error = trial.error_px(corner);
         let square = error[0] * error[0] + error[1] * error[1];
-        if square > FAILED_PX * FAILED_PX {
-            continue;
-        }
-        score.located += 1;
+        score.located += usize::from(square <= FAILED_PX * FAILED_PX);
         squares += square;
-        bounds += trial.bound_px2[1].unwrap_or(f64::NAN);
+        bounds += trial.bound_px2[1].unwrap_or(f64::INFINITY);
         if let Some(inverse) = corner.covariance_px2.and_then(|c| c.try_inverse()) {
             let (dx, dy) = (corner.position.x - trial.vertex.x, corner.position.y - trial.vertex.y);
             let error = nalgebra::Vector2::new(dx, dy);
@@ -267,9 +261,11 @@ fn score(name: &str, index: usize, trials: &[Trial]) -> Score {
             with_covariance += 1;
         }
     }
-    let located = score.located as f64;
-    score.rmse_px = (squares / located).sqrt();
-    score.rmse_over_bound = (squares / bounds).sqrt();
+    let answered = score.asked - score.declined;
+    if answered > 0 {
+        score.rmse_px = Some((squares / answered as f64).sqrt());
+        score.rmse_over_bound = Some((squares / bounds).sqrt());
+    }
     score.bias_px = (noise_free > 0).then(|| bias[0].hypot(bias[1]) / f64::from(noise_free));
     score.nees = (with_covariance > 0).then(|| nees / f64::from(with_covariance));
     score

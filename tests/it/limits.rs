@@ -18,7 +18,7 @@ fn the_junction_fit_is_on_the_bound_and_opencv_s_method_is_not() {
         "limits",
         "--json",
         "--count",
-        "50",
+        "40",
         "junction_fit",
         "corner_sub_pix",
     ]));
@@ -29,11 +29,11 @@ fn the_junction_fit_is_on_the_bound_and_opencv_s_method_is_not() {
         .iter()
         .flat_map(|table| table["rows"].as_array().expect("rows"))
         .collect();
-    assert_eq!(rows.len(), 48);
+    assert_eq!(rows.len(), 78);
     let of = |refiner: usize, key: &str| -> Vec<f64> {
         rows.iter().map(|row| number(&row["scores"][refiner], key)).collect()
     };
-    // 50 corners tell a root mean square to 7 %, the mean of 48 such to 1 %.
+    // 40 corners tell a root mean square to 8 %, the mean of 78 such to 1 %.
     let ratio = mean(&of(0, "rmse_over_bound"));
     assert!((0.95..1.06).contains(&ratio), "{ratio}");
     let nees = mean(&of(0, "nees"));
@@ -41,7 +41,7 @@ fn the_junction_fit_is_on_the_bound_and_opencv_s_method_is_not() {
     let asked: f64 = of(0, "asked").iter().sum();
     let located: f64 = of(0, "located").iter().sum();
     assert!(located > 0.99 * asked, "{located} of {asked}");
-    assert!(of(0, "bias_px").iter().all(|bias_px| *bias_px < 0.005));
+    assert!(of(0, "bias_px").iter().all(|bias_px| *bias_px < 0.002));
     let theirs = mean(&of(1, "rmse_over_bound"));
     assert!(theirs > 4.0 * ratio, "{theirs}");
     // What is unknown makes a bound larger.
