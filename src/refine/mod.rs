@@ -9,9 +9,12 @@ use crate::sensor::Exposure;
 
 pub mod annular_orthogonality;
 pub mod corner_sub_pix;
+pub mod foerstner;
+mod gradients;
 pub mod junction_fit;
 mod light;
 pub mod none;
+mod orthogonality;
 mod starts;
 
 /// What became of one candidate.
@@ -89,5 +92,10 @@ pub trait Refiner: Send + Sync {
 }
 
 /// Every refiner that a plan can name, in alphabetical order.
-pub const REFINERS: &[Entry<dyn Refiner>] =
-    &[annular_orthogonality::ENTRY, corner_sub_pix::ENTRY, junction_fit::ENTRY, none::ENTRY];
+pub const REFINERS: &[Entry<dyn Refiner>] = &[
+    annular_orthogonality::ENTRY,
+    corner_sub_pix::ENTRY,
+    foerstner::ENTRY,
+    junction_fit::ENTRY,
+    none::ENTRY,
+];
