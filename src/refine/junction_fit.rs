@@ -98,24 +98,15 @@ impl Default for JunctionFit {
 
 impl Refiner for JunctionFit {
     fn refine(&self, exposure: &Exposure, seeds: &[Detection]) -> Vec<Corner> {
-        let mut work = Work {
-            refiner: self,
-            patches: Patches::new(exposure),
-            samples: Samples::default(),
-            fitter: Fitter::default(),
-            starts: Starts::default(),
-            ring: Ring::default(),
-            iterations: 0,
-        };
+        let mut work = Work::new(self, exposure);
         let refined = |seed: &Detection| {
             if !work.patches.light.is_inside(seed.point) {
                 return Corner::at_seed(*seed, 0, RefineStatus::OutOfBounds);
             }
-            work.iterations = 0;
             match work.locate(seed.point) {
                 Ok(found) => Corner {
                     seed: *seed,
-                    position: found.position,
+                    position: found.position(),
                     covariance_px2: Some(found.covariance_px2),
                     iterations: work.iterations,
                     status: found.status,
@@ -128,10 +119,17 @@ impl Refiner for JunctionFit {
 }
 
 /// A corner that was located.
-struct Located {
-    position: ImagePoint,
-    covariance_px2: Matrix2<f64>,
-    status: RefineStatus,
+pub(super) struct Located {
+    /// In the image.
+    pub rays: Rays,
+    pub covariance_px2: Matrix2<f64>,
+    pub status: RefineStatus,
+}
+
+impl Located {
+    pub fn position(&self) -> ImagePoint {
+        self.rays.vertex.into()
+    }
 }
 
 /// A fit and where its window is.
@@ -210,18 +208,33 @@ const LEAST_MISFIT: f64 = 0.02;
 const SMALLER: [f64; 2] = [0.7, 0.5];
 
 /// What one exposure's corners share.
-struct Work<'a> {
+pub(super) struct Work<'a> {
     refiner: &'a JunctionFit,
     patches: Patches<'a>,
     samples: Samples,
     fitter: Fitter,
     starts: Starts,
     ring: Ring,
-    iterations: u32,
+    /// Of the last corner.
+    pub iterations: u32,
 }
 
-impl Work<'_> {
-    fn locate(&mut self, seed: ImagePoint) -> Result<Located, RefineStatus> {
+impl<'a> Work<'a> {
+    pub fn new(refiner: &'a JunctionFit, exposure: &'a Exposure) -> Self {
+        Self {
+            refiner,
+            patches: Patches::new(exposure),
+            samples: Samples::default(),
+            fitter: Fitter::default(),
+            starts: Starts::default(),
+            ring: Ring::default(),
+            iterations: 0,
+        }
+    }
+
+    /// The corner about a place of the image, or why there is none.
+    pub fn locate(&mut self, seed: ImagePoint) -> Result<Located, RefineStatus> {
+        self.iterations = 0;
         let mut best = self.best_about(seed, seed);
         // From the vertex itself its edges are seen better than from beyond it.
         let again = match &best {
@@ -249,7 +262,7 @@ impl Work<'_> {
             }
         }
         Ok(Located {
-            position: best.vertex(),
+            rays: best.rays_in_image(),
             covariance_px2: best.fit.vertex_covariance_px2(),
             status: verdict(&best.fit)?,
         })

@@ -9,6 +9,7 @@ use crate::sensor::Exposure;
 
 pub mod annular_orthogonality;
 pub mod corner_sub_pix;
+pub mod cuboid_fit;
 pub mod foerstner;
 mod gradients;
 pub mod junction_fit;
@@ -95,6 +96,7 @@ pub trait Refiner: Send + Sync {
 pub const REFINERS: &[Entry<dyn Refiner>] = &[
     annular_orthogonality::ENTRY,
     corner_sub_pix::ENTRY,
+    cuboid_fit::ENTRY,
     foerstner::ENTRY,
     junction_fit::ENTRY,
     none::ENTRY,

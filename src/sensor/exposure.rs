@@ -43,6 +43,7 @@ pub struct Exposure {
     encoding: Encoding,
     saturated: Plane<bool>,
     noise: Option<NoiseModel>,
+    camera: Option<Camera>,
     luma: OnceLock<Plane<f32>>,
     red_difference: OnceLock<Plane<f32>>,
     is_grey: OnceLock<bool>,
@@ -102,6 +103,7 @@ impl Exposure {
             encoding,
             saturated,
             noise,
+            camera: None,
             luma: OnceLock::new(),
             red_difference: OnceLock::new(),
             is_grey: OnceLock::new(),
@@ -196,6 +198,17 @@ impl Exposure {
         let raw_dn = noise.sensor.black_level_dn + light / scale;
         let slope = self.encoding.transfer.slope(light) * (full - black) * scale;
         slope * slope * noise.sensor.variance_dn2(raw_dn) + rounding
+    }
+
+    /// It, of a camera whose intrinsics are known.
+    #[must_use]
+    pub fn with_camera(self, camera: Camera) -> Self {
+        Self { camera: Some(camera), ..self }
+    }
+
+    /// The intrinsics of its camera, as a calibration knows them; `None` where nothing does.
+    pub fn camera(&self) -> Option<&Camera> {
+        self.camera.as_ref()
     }
 
     /// The planes that differ: one where all three are equal, else red, green and blue.

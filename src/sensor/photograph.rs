@@ -290,7 +290,8 @@ impl Photographer {
             ..*camera
         };
         Photograph {
-            exposure: Exposure::photographed(rgb, encoding, saturated, self.noise()),
+            exposure: Exposure::photographed(rgb, encoding, saturated, self.noise())
+                .with_camera(camera),
             camera,
             blur_px,
             light,

@@ -1,0 +1,190 @@
+//! Which cuboid has its corners where junctions are.
+//!
+//! Three rays from one point are the picture of three edges at right angles in one way only, if all three are to be
+//! seen: with e_i the directions of the planes through the camera and each ray, across the line of sight, and c_i
+//! the cotangent of the angle between line of sight and edge, c_i c_j = -e_i . e_j. How long the edges are other
+//! junctions tell.
+
+use std::f64::consts::{PI, TAU};
+
+use nalgebra::{Matrix3, Vector3};
+
+use super::cuboid::Cuboid;
+use crate::geometry::{Camera, ImagePoint};
+use crate::junction::rays::{MOST_RAYS, Rays};
+
+/// Junctions lie so near to a vertex they are taken for \[px\], and their rays to its edges \[rad\].
+const NEAR_PX: f64 = 5.0;
+const NEAR_RAD: f64 = 0.2;
+
+/// Other lengths for an axis that are tried.
+const MOST_LENGTHS: usize = 8;
+
+/// The cuboid that explains most junctions, and how many of their rays; `None` where none has three rays, or
+/// nothing tells how long the edges are.
+pub(super) fn best(junctions: &[Rays], camera: &Camera) -> Option<(Cuboid, usize)> {
+    let mut best: Option<(Cuboid, usize)> = None;
+    for rays in junctions.iter().filter(|rays| rays.count == MOST_RAYS) {
+        let Some(trihedron) = trihedron(rays, camera) else { continue };
+        let lengths = lengths(&trihedron, junctions, camera);
+        for &a in &lengths[0] {
+            for &b in &lengths[1] {
+                for &c in &lengths[2] {
+                    let cuboid = Cuboid { lengths: [a, b, c], ..trihedron };
+                    let explained = explained(&cuboid, junctions, camera);
+                    if best.as_ref().is_none_or(|(_, most)| explained > *most) {
+                        best = Some((cuboid, explained));
+                    }
+                }
+            }
+        }
+    }
+    best
+}
+
+/// Three edges at right angles, of no length yet.
+fn trihedron(rays: &Rays, camera: &Camera) -> Option<Cuboid> {
+    const STEP_PX: f64 = 4.0;
+    let vertex = ImagePoint::from(rays.vertex);
+    let first = camera.ray(vertex);
+    let sight = first.normalize();
+    let across = rays.angles_rad.map(|angle| {
+        let (sine, cosine) = angle.sin_cos();
+        let there =
+            camera.ray(ImagePoint::new(vertex.x + STEP_PX * cosine, vertex.y + STEP_PX * sine));
+        (there - sight * there.dot(&sight)).normalize()
+    });
+    let product = |i: usize, j: usize| -across[i].dot(&across[j]);
+    let mut cotangents = [0.0; 3];
+    for (i, cotangent) in cotangents.iter_mut().enumerate() {
+        let (j, k) = ((i + 1) % 3, (i + 2) % 3);
+        let square = product(i, j) * product(i, k) / product(j, k);
+        if !square.is_finite() || square <= 0.0 {
+            return None;
+        }
+        *cotangent = square.sqrt();
+    }
+    // Of two signs each the products are right; of these two the one that shows all three edges.
+    for signs in 0..8 {
+        let signed: [f64; 3] =
+            std::array::from_fn(
+                |i| if signs & 1 << i == 0 { cotangents[i] } else { -cotangents[i] },
+            );
+        let is_right =
+            (0..3).all(|i| signed[i] * signed[(i + 1) % 3] * product(i, (i + 1) % 3) > 0.0);
+        let away = signed.iter().filter(|cotangent| **cotangent > 0.0).count();
+        if is_right && away >= 2 {
+            let axes: [Vector3<f64>; 3] =
+                std::array::from_fn(|i| (sight * signed[i] + across[i]).normalize());
+            return Some(Cuboid { axes: orthonormal(axes)?, first, lengths: [0.0; 3] });
+        }
+    }
+    None
+}
+
+/// The nearest axes at right angles.
+fn orthonormal(axes: [Vector3<f64>; 3]) -> Option<[Vector3<f64>; 3]> {
+    let decomposed = Matrix3::from_columns(&axes).svd(true, true);
+    let matrix = decomposed.u? * decomposed.v_t?;
+    Some([0, 1, 2].map(|i| matrix.column(i).into_owned()))
+}
+
+/// Lengths of each axis at whose end, or diagonally across a face, a junction lies whose rays are those of edges
+/// there.
+fn lengths(trihedron: &Cuboid, junctions: &[Rays], camera: &Camera) -> [Vec<f64>; 3] {
+    let mut found: [Vec<f64>; 3] = Default::default();
+    let mut add = |axis: usize, length: f64| {
+        let is_new = |other: &f64| (length / other - 1.0).abs() > 0.02;
+        if length > 0.0 && found[axis].len() < MOST_LENGTHS && found[axis].iter().all(is_new) {
+            found[axis].push(length);
+        }
+    };
+    let Cuboid { axes, first, .. } = trihedron;
+    for axis in 0..3 {
+        for rays in junctions {
+            // Where the junction's line of sight comes nearest to the edge.
+            let sight = camera.ray(rays.vertex.into());
+            let normal = sight.cross(&axes[axis]).cross(&sight);
+            let length = -normal.dot(first) / normal.dot(&axes[axis]);
+            let cuboid = with(trihedron, &[(axis, length)]);
+            if fits(&cuboid, 1 << axis, rays, camera) {
+                add(axis, length);
+            }
+        }
+    }
+    for (i, j) in [(0, 1), (0, 2), (1, 2)] {
+        for rays in junctions {
+            let sight = camera.ray(rays.vertex.into());
+            let matrix = Matrix3::from_columns(&[axes[i], axes[j], -sight]);
+            let Some(solved) = matrix.lu().solve(&-first) else { continue };
+            let cuboid = with(trihedron, &[(i, solved.x), (j, solved.y)]);
+            if solved.z > 0.0 && fits(&cuboid, 1 << i | 1 << j, rays, camera) {
+                add(i, solved.x);
+                add(j, solved.y);
+            }
+        }
+    }
+    found
+}
+
+/// The trihedron with these lengths; the others do not matter for vertices that do not lie along them.
+fn with(trihedron: &Cuboid, lengths: &[(usize, f64)]) -> Cuboid {
+    let mut cuboid = Cuboid { lengths: [1e-3; 3], ..*trihedron };
+    for (axis, length) in lengths {
+        cuboid.lengths[*axis] = *length;
+    }
+    cuboid
+}
+
+/// Whether a junction lies where a vertex is and two of its rays are edges there, seen or not.
+fn fits(cuboid: &Cuboid, vertex: usize, rays: &Rays, camera: &Camera) -> bool {
+    if cuboid.lengths.iter().any(|length| length.is_nan() || *length <= 0.0) {
+        return false;
+    }
+    let Some(point) = cuboid.vertex(vertex, camera) else { return false };
+    point.distance_px(rays.vertex.into()) < NEAR_PX
+        && (0..3).filter(|axis| has_ray(cuboid, vertex, *axis, rays, camera)).count() >= 2
+}
+
+/// Whether one of a junction's rays is a vertex's edge along an axis.
+fn has_ray(cuboid: &Cuboid, vertex: usize, axis: usize, rays: &Rays, camera: &Camera) -> bool {
+    let sign = if vertex & 1 << axis == 0 { 1.0 } else { -1.0 };
+    let shares = |more: f64| {
+        let mut shares = [0, 1, 2].map(|i| f64::from(u8::from(vertex & 1 << i != 0)));
+        shares[axis] += more / cuboid.lengths[axis];
+        camera.project(&cuboid.point(shares).into())
+    };
+    let (Some(here), Some(there)) = (shares(0.0), shares(0.01 * sign)) else { return false };
+    let angle = (there.y - here.y).atan2(there.x - here.x);
+    rays.angles_rad[..rays.count].iter().any(|ray| apart(angle, *ray) < NEAR_RAD)
+}
+
+/// The angle between two directions \[rad\].
+fn apart(a: f64, b: f64) -> f64 {
+    let turn = (a - b).rem_euclid(TAU);
+    if turn > PI { TAU - turn } else { turn }
+}
+
+/// How many rays of junctions are edges of the cuboid where they should be.
+fn explained(cuboid: &Cuboid, junctions: &[Rays], camera: &Camera) -> usize {
+    (0..8)
+        .filter(|vertex| cuboid.shows_vertex(*vertex))
+        .map(|vertex| {
+            let Some(point) = cuboid.vertex(vertex, camera) else { return 0 };
+            let of = |rays: &Rays| {
+                if point.distance_px(rays.vertex.into()) > NEAR_PX {
+                    return 0;
+                }
+                let edges = cuboid.rays(vertex, camera);
+                edges
+                    .filter(|edge| {
+                        rays.angles_rad[..rays.count]
+                            .iter()
+                            .any(|ray| apart(*edge, *ray) < NEAR_RAD)
+                    })
+                    .count()
+            };
+            junctions.iter().map(of).max().unwrap_or(0)
+        })
+        .sum()
+}
