@@ -19,6 +19,8 @@ pub struct Cuboid {
     pub first: Vector3<f64>,
     /// Along each axis.
     pub lengths: [f64; 3],
+    /// Whether something tells each length: edges at an end that nobody knows are not looked for.
+    pub is_known: [bool; 3],
 }
 
 /// One of the twelve edges.
@@ -65,16 +67,20 @@ impl Cuboid {
         if is_end { along + self.lengths[axis] < 0.0 } else { along > 0.0 }
     }
 
-    /// Whether an edge bounds a face that looks at the camera: if nothing else hides it, it is seen.
+    /// Whether an edge is where it is known to be, and bounds a face that looks at the camera: if nothing else
+    /// hides it, it is seen.
     pub fn shows(&self, edge: Edge) -> bool {
-        (0..3)
-            .filter(|axis| *axis != edge.axis)
-            .any(|axis| self.faces(axis, edge.from & 1 << axis != 0))
+        let others = || (0..3).filter(|axis| *axis != edge.axis);
+        let is_end = |axis: usize| edge.from & 1 << axis != 0;
+        others().all(|axis| self.is_known[axis] || !is_end(axis))
+            && others().any(|axis| self.faces(axis, is_end(axis)))
     }
 
-    /// Whether a vertex belongs to a face that looks at the camera.
+    /// Whether a vertex is where it is known to be, and belongs to a face that looks at the camera.
     pub fn shows_vertex(&self, vertex: usize) -> bool {
-        (0..3).any(|axis| self.faces(axis, vertex & 1 << axis != 0))
+        let is_end = |axis: usize| vertex & 1 << axis != 0;
+        (0..3).all(|axis| self.is_known[axis] || !is_end(axis))
+            && (0..3).any(|axis| self.faces(axis, is_end(axis)))
     }
 
     /// The directions in the image in which the edges leave a vertex that are seen \[rad\].
@@ -100,6 +106,7 @@ impl Cuboid {
             axes: self.axes.map(|axis| turn * axis),
             first: self.first + Vector3::new(change[3], change[4], 0.0),
             lengths,
+            ..*self
         }
     }
 

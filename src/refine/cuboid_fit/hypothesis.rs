@@ -17,8 +17,11 @@ use crate::junction::rays::{MOST_RAYS, Rays};
 const NEAR_PX: f64 = 5.0;
 const NEAR_RAD: f64 = 0.2;
 
-/// Other lengths for an axis that are tried.
+/// Lengths of an axis that are tried.
 const MOST_LENGTHS: usize = 8;
+
+/// Edges that are seen shorter than this are none \[px\].
+const LEAST_LENGTH_PX: f64 = 10.0;
 
 /// The cuboid that explains most junctions, and how many of their rays; `None` where none has three rays, or
 /// nothing tells how long the edges are.
@@ -27,10 +30,10 @@ pub(super) fn best(junctions: &[Rays], camera: &Camera) -> Option<(Cuboid, usize
     for rays in junctions.iter().filter(|rays| rays.count == MOST_RAYS) {
         let Some(trihedron) = trihedron(rays, camera) else { continue };
         let lengths = lengths(&trihedron, junctions, camera);
-        for &a in &lengths[0] {
-            for &b in &lengths[1] {
-                for &c in &lengths[2] {
-                    let cuboid = Cuboid { lengths: [a, b, c], ..trihedron };
+        for a in &lengths[0] {
+            for b in &lengths[1] {
+                for c in &lengths[2] {
+                    let Some(cuboid) = of_lengths(&trihedron, [*a, *b, *c]) else { continue };
                     let explained = explained(&cuboid, junctions, camera);
                     if best.as_ref().is_none_or(|(_, most)| explained > *most) {
                         best = Some((cuboid, explained));
@@ -40,6 +43,15 @@ pub(super) fn best(junctions: &[Rays], camera: &Camera) -> Option<(Cuboid, usize
         }
     }
     best
+}
+
+/// It, with lengths of which some may be unknown, where edges are hidden: these are taken for as long as the others.
+fn of_lengths(trihedron: &Cuboid, lengths: [Option<f64>; 3]) -> Option<Cuboid> {
+    let known = lengths.iter().flatten();
+    let mean = known.clone().sum::<f64>() / known.count().max(1) as f64;
+    let lengths_or_mean = lengths.map(|length| length.unwrap_or(mean));
+    let is_known = lengths.map(|length| length.is_some());
+    (mean > 0.0).then_some(Cuboid { lengths: lengths_or_mean, is_known, ..*trihedron })
 }
 
 /// Three edges at right angles, of no length yet.
@@ -76,7 +88,8 @@ fn trihedron(rays: &Rays, camera: &Camera) -> Option<Cuboid> {
         if is_right && away >= 2 {
             let axes: [Vector3<f64>; 3] =
                 std::array::from_fn(|i| (sight * signed[i] + across[i]).normalize());
-            return Some(Cuboid { axes: orthonormal(axes)?, first, lengths: [0.0; 3] });
+            let axes = orthonormal(axes)?;
+            return Some(Cuboid { axes, first, lengths: [0.0; 3], is_known: [true; 3] });
         }
     }
     None
@@ -90,13 +103,20 @@ fn orthonormal(axes: [Vector3<f64>; 3]) -> Option<[Vector3<f64>; 3]> {
 }
 
 /// Lengths of each axis at whose end, or diagonally across a face, a junction lies whose rays are those of edges
-/// there.
-fn lengths(trihedron: &Cuboid, junctions: &[Rays], camera: &Camera) -> [Vec<f64>; 3] {
-    let mut found: [Vec<f64>; 3] = Default::default();
+/// there; and, last, that nobody knows.
+fn lengths(trihedron: &Cuboid, junctions: &[Rays], camera: &Camera) -> [Vec<Option<f64>>; 3] {
+    let mut found: [Vec<Option<f64>>; 3] = Default::default();
+    let first_seen = camera.project(&trihedron.first.into());
     let mut add = |axis: usize, length: f64| {
+        let end = with(trihedron, &[(axis, length)]).vertex(1 << axis, camera);
+        let is_long = match (first_seen, end) {
+            (Some(first), Some(end)) => first.distance_px(end) >= LEAST_LENGTH_PX,
+            _ => false,
+        };
         let is_new = |other: &f64| (length / other - 1.0).abs() > 0.02;
-        if length > 0.0 && found[axis].len() < MOST_LENGTHS && found[axis].iter().all(is_new) {
-            found[axis].push(length);
+        let lengths = &mut found[axis];
+        if is_long && lengths.len() < MOST_LENGTHS && lengths.iter().flatten().all(is_new) {
+            lengths.push(Some(length));
         }
     };
     let Cuboid { axes, first, .. } = trihedron;
@@ -124,6 +144,7 @@ fn lengths(trihedron: &Cuboid, junctions: &[Rays], camera: &Camera) -> [Vec<f64>
             }
         }
     }
+    found.iter_mut().for_each(|lengths| lengths.push(None));
     found
 }
 
