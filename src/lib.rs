@@ -9,6 +9,7 @@
 pub mod bound;
 pub mod cli;
 pub mod convention;
+pub mod cuboid;
 pub mod detect;
 pub mod error;
 pub mod export;

@@ -19,7 +19,7 @@ use crate::geometry::ImagePoint;
 use crate::sensor::{CameraModel, RangeSensor};
 
 /// Version of the columns.
-pub const RECORD_VERSION: i32 = 2;
+pub const RECORD_VERSION: i32 = 3;
 
 /// What a row is about: the words of column `kind`.
 pub mod kind {
@@ -128,6 +128,16 @@ pub struct Record {
     /// Least root mean square error that the exposure's noise allows, from the first 10 px of a visible
     /// corner's edges, their directions unknown \[px\]; null where they bound nothing.
     pub bound_px: Option<f64>,
+    /// The same of the pixels within 5 px, numerically: levels, ramps, directions and blur unknown \[px\].
+    pub bound_r5_px: Option<f64>,
+    /// The same of the pixels within 10 px \[px\].
+    pub bound_r10_px: Option<f64>,
+    /// The same of the pixels within 15 px \[px\].
+    pub bound_r15_px: Option<f64>,
+    /// In closed form from all that is seen of the corner's edges \[px\].
+    pub bound_edges_px: Option<f64>,
+    /// In closed form from all edges of one cuboid of unknown size, the camera calibrated \[px\].
+    pub bound_object_px: Option<f64>,
     /// Error of the true corner's place that the render's noise alone enforces \[px\].
     pub render_noise_floor_px: Option<f64>,
     /// True position, of a false junction its own \[px\].
@@ -157,6 +167,12 @@ pub struct Record {
     /// "ok", "max_iterations", "reverted", "diverged", "singular", "out_of_bounds", "not_applicable",
     /// "false_corner".
     pub refine_status: Option<String>,
+    /// The refiner's covariance of its position, where it has one \[px^2\].
+    pub covariance_xx_px2: Option<f64>,
+    /// The refiner's covariance of its position, where it has one \[px^2\].
+    pub covariance_xy_px2: Option<f64>,
+    /// The refiner's covariance of its position, where it has one \[px^2\].
+    pub covariance_yy_px2: Option<f64>,
     /// Iterations of the refiner.
     pub iterations: Option<i32>,
     /// Distance of the detector's position from the truth \[px\].

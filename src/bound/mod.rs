@@ -14,17 +14,21 @@
 //! Levels are nearly free beside the direction; ramps are not counted. Of the numeric bound of a blurred
 //! wedge or Y with unknown levels, directions and blur this is 92 to 107 % where the blur is at most a pixel;
 //! with more it is too small.
+//!
+//! Numerically, by the blurred junction that fits the exposure without noise best ([`junction_bound`]); with all
+//! that is seen of a corner's own edges; and with all edges of the cuboid, whose picture depends on eight numbers
+//! if the camera is calibrated. A method that uses less than a bound counts cannot reach it.
 
 mod junction;
-
-use std::f64::consts::PI;
+mod object;
 
 use nalgebra::{Matrix2, SymmetricEigen, Vector2};
 
 use crate::geometry::ImagePoint;
 use crate::image::Plane;
-use crate::scene::{TrueCorner, Truth};
-use crate::sensor::{Colour, Exposure};
+use crate::junction::rays::{MOST_RAYS, Rays};
+use crate::scene::{EdgeAtCorner, TrueCorner, Truth};
+use crate::sensor::{Colour, Exposure, Rig};
 
 pub use junction::junction_bound;
 
@@ -56,7 +60,7 @@ pub fn corner_bound_px(edges: &[BlurredEdge], directions: Directions) -> Option<
     let information: Matrix2<f64> = edges
         .iter()
         .map(|edge| {
-            let per_px = edge.signal_to_noise2 / (2.0 * PI.sqrt() * edge.sigma_px);
+            let per_px = PER_EDGE * edge.signal_to_noise2 / edge.sigma_px;
             let (share, length_px) = match directions {
                 Directions::Known => (1.0, edge.length_px),
                 Directions::Unknown => (0.25, edge.length_px - 1.5 * edge.sigma_px),
@@ -69,39 +73,123 @@ pub fn corner_bound_px(edges: &[BlurredEdge], directions: Directions) -> Option<
     (values.min() > 1e-9 * values.max()).then(|| values.map(f64::recip).sum().sqrt())
 }
 
+/// 1 / (2 sqrt(pi)): what a pixel's length of an edge tells, times its blur over its signal to noise.
+const PER_EDGE: f64 = 0.282_094_791_773_878_14;
+
 /// Of an edge no more than this counts \[px\]: the bound is local.
 const LONGEST_PX: f64 = 10.0;
 
-/// The local bound of every corner in an exposure \[px\], in the order of their index; `None` where a corner
-/// is not seen, or its edges tell nothing about one direction.
-///
-/// What is to both sides of an edge is taken from the exposure, the noise from its model; where there is
-/// none, rounding is all the noise. `camera_blur_px` is the standard deviation of the camera's blur and
-/// pixel area along one axis; the scene's own lens comes on top.
-pub fn corner_bounds_px(
-    truth: &Truth,
-    exposure: &Exposure,
-    colour: Colour,
-    camera_blur_px: f64,
-) -> Vec<Option<f64>> {
-    let bound = |corner: &TrueCorner| {
-        let edges: Vec<BlurredEdge> = corner
+/// Radii of the discs about a corner whose pixels numeric bounds are for \[px\].
+pub const RADII_PX: [f64; 3] = [5.0, 10.0, 15.0];
+
+/// The least root mean square errors of one corner's place that the camera's noise allows \[px\]; `None` where
+/// the corner is not seen, or nothing tells it. Each is for methods that use no more than it counts.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct CornerBounds {
+    /// In closed form, from the first 10 px of each edge, directions unknown.
+    pub closed_px: Option<f64>,
+    /// Of pixels so near ([`RADII_PX`]), levels, ramps, directions and blur unknown.
+    pub local_px: [Option<f64>; 3],
+    /// In closed form, from all that is seen of the corner's edges, directions unknown.
+    pub edges_px: Option<f64>,
+    /// From all that is seen of all edges of one cuboid of unknown size, intrinsics known.
+    pub object_px: Option<f64>,
+}
+
+/// What is known of an exposure's noise and blur.
+#[derive(Clone, Copy, Debug)]
+pub struct Seeing<'a> {
+    /// Without noise, with its model: where there is none, rounding is all the noise.
+    pub exposure: &'a Exposure,
+    /// What its pixels see.
+    pub colour: Colour,
+    /// Standard deviation of the camera's blur and pixel area along one axis \[px\]; the scene's own lens comes
+    /// on top.
+    pub blur_px: f64,
+}
+
+/// The bounds of every corner in an exposure, in the order of their index. What is to both sides of an edge is taken
+/// from the exposure.
+pub fn corner_bounds(truth: &Truth, rig: &Rig, seeing: &Seeing<'_>) -> Vec<CornerBounds> {
+    let edge = |index: usize| seeing.whole_edge(truth, index);
+    let object_px = object::object_bounds_px(truth, &rig.camera, &rig.world_from_camera, edge);
+    truth
+        .corners
+        .iter()
+        .zip(object_px)
+        .map(|(corner, object_px)| {
+            if corner.junction.is_none() {
+                return CornerBounds::default();
+            }
+            let closed = |longest_px: f64| {
+                let edges: Vec<BlurredEdge> = corner
+                    .edges
+                    .iter()
+                    .filter_map(|edge| seeing.blurred_edge(corner, edge, longest_px))
+                    .collect();
+                corner_bound_px(&edges, Directions::Unknown)
+            };
+            CornerBounds {
+                closed_px: closed(LONGEST_PX),
+                local_px: RADII_PX.map(|radius_px| seeing.local_px(corner, radius_px)),
+                edges_px: closed(f64::INFINITY),
+                object_px,
+            }
+        })
+        .collect()
+}
+
+impl Seeing<'_> {
+    /// An edge at a corner, of which no more than a length counts.
+    fn blurred_edge(
+        &self,
+        corner: &TrueCorner,
+        edge: &EdgeAtCorner,
+        longest_px: f64,
+    ) -> Option<BlurredEdge> {
+        let length_px = edge.visible_length_px.min(longest_px);
+        let sides = Sides { from: corner.image_point_px, along: edge.direction, length_px };
+        Some(BlurredEdge {
+            direction: edge.direction,
+            length_px,
+            signal_to_noise2: sides.signal_to_noise2(self.exposure, self.colour)?,
+            sigma_px: self.blur_px.hypot(edge.blur_px),
+        })
+    }
+
+    /// An edge by its index, as the corner sees it from which more of it is seen.
+    fn whole_edge(&self, truth: &Truth, index: usize) -> Option<BlurredEdge> {
+        let corners = truth.edges.get(index)?.corners.map(|corner| truth.corners.get(corner));
+        let seen = corners.into_iter().flatten().flat_map(|corner| {
+            corner.edges.iter().filter(|edge| edge.edge == index).map(move |edge| (corner, edge))
+        });
+        let (corner, edge) =
+            seen.max_by(|(_, a), (_, b)| a.visible_length_px.total_cmp(&b.visible_length_px))?;
+        self.blurred_edge(corner, edge, f64::INFINITY)
+    }
+
+    /// The numeric bound from the pixels near a corner.
+    fn local_px(&self, corner: &TrueCorner, radius_px: f64) -> Option<f64> {
+        let mut angles: Vec<f64> = corner
             .edges
             .iter()
-            .filter_map(|edge| {
-                let length_px = edge.visible_length_px.min(LONGEST_PX);
-                let sides = Sides { from: corner.image_point_px, along: edge.direction, length_px };
-                Some(BlurredEdge {
-                    direction: edge.direction,
-                    length_px,
-                    signal_to_noise2: sides.signal_to_noise2(exposure, colour)?,
-                    sigma_px: camera_blur_px.hypot(edge.blur_px),
-                })
-            })
+            .filter(|edge| edge.visible_length_px > 0.0)
+            .map(|edge| edge.direction[1].atan2(edge.direction[0]))
             .collect();
-        corner.junction.and_then(|_| corner_bound_px(&edges, Directions::Unknown))
-    };
-    truth.corners.iter().map(bound).collect()
+        angles.sort_by(f64::total_cmp);
+        if !(2..=MOST_RAYS).contains(&angles.len()) {
+            return None;
+        }
+        let mut rays = Rays {
+            vertex: corner.image_point_px.into(),
+            sigma_px: self.blur_px.hypot(corner.blur_px),
+            count: angles.len(),
+            angles_rad: [0.0; MOST_RAYS],
+        };
+        rays.angles_rad[..angles.len()].copy_from_slice(&angles);
+        let covariance = junction_bound(self.exposure, &rays, radius_px, true)?;
+        Some(covariance.trace().sqrt()).filter(|bound| bound.is_finite())
+    }
 }
 
 /// What is to both sides of an edge.

@@ -2,6 +2,7 @@
 
 use geo::{Distance, Euclidean, LineString, Point};
 
+use crate::bound::CornerBounds;
 use crate::geometry::{Camera, ImagePoint};
 use crate::matching::{assign, first_matched};
 use crate::refine::Corner;
@@ -122,8 +123,8 @@ pub struct CornerScores {
 pub struct Seen<'a> {
     /// What is true.
     pub truth: &'a Truth,
-    /// Of each corner the bound on its place \[px\]; none where nothing tells it.
-    pub bounds_px: Vec<Option<f64>>,
+    /// Of each corner the bounds on its place.
+    pub bounds: Vec<CornerBounds>,
     /// What is seen of the target's edges \[px\].
     edges: Vec<LineString<f64>>,
     /// What a point of the image shows.
@@ -132,11 +133,11 @@ pub struct Seen<'a> {
 
 impl<'a> Seen<'a> {
     /// The truth of an exposure of `scene` by `rig`; `truth` is the scene's, as that camera sees it, and
-    /// `bounds_px` are those of its corners.
+    /// `bounds` are those of its corners.
     pub fn new(
         scene: &'a Scene,
         truth: &'a Truth,
-        bounds_px: Vec<Option<f64>>,
+        bounds: Vec<CornerBounds>,
         rig: &'a Rig,
     ) -> Self {
         const STEP_PX: f64 = 4.0; // a lens bends an edge by far less than a pixel on the way
@@ -150,7 +151,7 @@ impl<'a> Seen<'a> {
         };
         Self {
             truth,
-            bounds_px,
+            bounds,
             edges: edges.into_iter().map(line).collect(),
             surface_at: Box::new(surface_at),
         }
@@ -205,7 +206,8 @@ impl<'a> Seen<'a> {
             Some(Fate::Hidden)
         } else if corner.second_edge_px() < rule.least_edge_px {
             Some(Fate::TooSmall)
-        } else if self.bounds_px[corner.index].is_none_or(|bound| bound > rule.most_bound_px) {
+        } else if self.bounds[corner.index].closed_px.is_none_or(|bound| bound > rule.most_bound_px)
+        {
             Some(Fate::TooUncertain)
         } else {
             None

@@ -33,7 +33,6 @@
 //! ```
 
 mod adjust;
-mod cuboid;
 mod hypothesis;
 mod segment;
 

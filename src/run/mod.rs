@@ -10,7 +10,7 @@ use std::path::Path;
 
 use rayon::prelude::*;
 
-use crate::bound::corner_bounds_px;
+use crate::bound::{Seeing, corner_bounds};
 use crate::error::{Error, Result};
 use crate::files::{replace_folder, write_json, write_whole};
 use crate::grasp::{Face, Grasp, NoFace, NoGrasp};
@@ -120,6 +120,7 @@ fn measure_scene(
         Err(error) => return Ok(vec![unreadable(plan, dataset, &scene.name, &error)]),
     };
     let truth = scene.truth.seen_by(&film_camera, &photograph.camera);
+    let noise_free = plan.photographer.noise_free(&photograph);
     let exposure = photograph.exposure;
     let rig =
         Rig { camera: photograph.camera, world_from_camera: scene.description.world_from_camera };
@@ -131,9 +132,10 @@ fn measure_scene(
     pictures::write_exposure(&folder.join("exposure.png"), &exposure)?;
     let depth_range_m = pictures::write_depth(&folder.join("depth.png"), &scene.geometry.depth_m)?;
     let colour = plan.photographer.model().colour;
-    let bounds_px = corner_bounds_px(&truth, &exposure, colour, photograph.blur_px);
+    let seeing = Seeing { exposure: &noise_free, colour, blur_px: photograph.blur_px };
+    let bounds = corner_bounds(&truth, &rig, &seeing);
     let scorer = Scorer {
-        seen: Seen::new(scene, &truth, bounds_px, &rig),
+        seen: Seen::new(scene, &truth, bounds, &rig),
         rig: &rig,
         rule: plan.corner_rule,
         gain: plan.photographer.model().gain,

@@ -1,6 +1,7 @@
 //! From a pipeline's answers and the truth to records.
 
 use super::{Answers, GraspAnswer};
+use crate::bound::CornerBounds;
 use crate::geometry::ImagePoint;
 use crate::metrics::{
     CornerRule, CornerScore, Fate, OtherScore, Seen, covered_face, grasp_error, score_corners,
@@ -56,6 +57,8 @@ impl Scorer<'_> {
     ) -> Record {
         let is_visible = corner.visibility == Visibility::Visible;
         let contrast = corner.second_contrast().map(|radiance| self.gain * radiance);
+        let bounds =
+            if is_visible { self.seen.bounds[corner.index] } else { CornerBounds::default() };
         Record {
             kind: kind::CORNER.to_owned(),
             status: match score.fate {
@@ -75,7 +78,12 @@ impl Scorer<'_> {
             second_edge_px: is_visible.then(|| corner.second_edge_px()),
             contrast_fraction: contrast.filter(|_| is_visible),
             nearest_occluder_px: corner.nearest_occluder_px,
-            bound_px: self.seen.bounds_px[corner.index].filter(|_| is_visible),
+            bound_px: bounds.closed_px,
+            bound_r5_px: bounds.local_px[0],
+            bound_r10_px: bounds.local_px[1],
+            bound_r15_px: bounds.local_px[2],
+            bound_edges_px: bounds.edges_px,
+            bound_object_px: bounds.object_px,
             render_noise_floor_px: corner.render_noise_floor_px,
             true_x_px: Some(corner.image_point_px.x),
             true_y_px: Some(corner.image_point_px.y),
@@ -96,6 +104,9 @@ fn with_answer(template: &Record, answer: &Corner) -> Record {
         refined_x_px: Some(answer.position.x),
         refined_y_px: Some(answer.position.y),
         refine_status: Some(answer.status.name().to_owned()),
+        covariance_xx_px2: answer.covariance_px2.map(|covariance| covariance[(0, 0)]),
+        covariance_xy_px2: answer.covariance_px2.map(|covariance| covariance[(0, 1)]),
+        covariance_yy_px2: answer.covariance_px2.map(|covariance| covariance[(1, 1)]),
         iterations: i32::try_from(answer.iterations).ok(),
         ..template.clone()
     }

@@ -226,6 +226,26 @@ impl Photographer {
         self.developed(gathered, camera, wanted, window, &Shot { name, window: None })
     }
 
+    /// What a photograph of a whole frame is the noisy picture of: the same light, its noise's mean, with the
+    /// model of its noise.
+    pub fn noise_free(&self, photograph: &Photograph) -> Exposure {
+        #[allow(clippy::cast_possible_truncation, reason = "f32 holds it to 1e-7")]
+        let gain = self.model.gain as f32;
+        let full = self.full_light();
+        let samples: Vec<Plane<f32>> = photograph
+            .light
+            .iter()
+            .zip(full)
+            .map(|(plane, full)| plane.map(|light| (gain * light).min(full)))
+            .collect();
+        let exposure = &photograph.exposure;
+        let whole = PixelRange { x0: 0, y0: 0, x1: exposure.width(), y1: exposure.height() };
+        let rgb = self.pictured(samples, whole, whole);
+        let saturated = exposure.saturated().clone();
+        Exposure::photographed(rgb, exposure.encoding(), saturated, self.noise())
+            .with_camera(photograph.camera)
+    }
+
     /// The part of the frame that is wanted, and what of it has to be taken for that.
     fn windows(&self, camera: &Camera, shot: &Shot) -> (PixelRange, PixelRange) {
         let (width, height) = (camera.width as usize, camera.height as usize);

@@ -7,7 +7,10 @@ use crate::support::project;
 
 /// Modules in layers; one may use those of lower layers and, where named, of its own.
 const LAYERS: &[&[&str]] = &[
-    &["error", "geometry", "image", "junction", "vector", "filter", "stats", "registry", "files"],
+    &[
+        "error", "geometry", "cuboid", "image", "junction", "vector", "filter", "stats",
+        "registry", "files",
+    ],
     &["scene"],
     &["sensor"],
     &["target", "detect", "refine", "grasp"],

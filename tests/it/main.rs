@@ -3,6 +3,7 @@
 mod camera;
 mod cli;
 mod contract;
+mod cuboids;
 mod dataset;
 mod detectors;
 mod docs;

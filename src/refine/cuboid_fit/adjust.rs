@@ -1,13 +1,11 @@
 //! A cuboid moved, turned and stretched until its edges are where the image has them.
 
-use nalgebra::{Matrix2, SMatrix, SymmetricEigen};
+use nalgebra::{Matrix2, SymmetricEigen};
 
-use super::cuboid::{Change, Cuboid, FREEDOM, edges};
 use super::segment::{Segment, SegmentFitter};
+use crate::cuboid::{Change, Cuboid, FREEDOM, Information, edges};
 use crate::geometry::{Camera, ImagePoint};
 use crate::refine::light::Light;
-
-type Information = SMatrix<f64, FREEDOM, FREEDOM>;
 
 /// Pieces of edges that are located one by one are this long at most \[px\].
 const LENGTH_PX: f64 = 6.0;
@@ -131,10 +129,14 @@ fn pieces(
         for piece in 0..count {
             let at_px = END_PX + inner_px * (piece as f64 + 0.5) / count as f64;
             let place = |cuboid: &Cuboid| {
-                cuboid.on_edge(*edge, share(cuboid, *edge, at_px / length_px), camera)
+                cuboid.on_edge(*edge, cuboid.share_in_space(*edge, at_px / length_px), camera)
             };
             let there = |more: f64| {
-                cuboid.on_edge(*edge, share(cuboid, *edge, at_px / length_px) + more, camera)
+                cuboid.on_edge(
+                    *edge,
+                    cuboid.share_in_space(*edge, at_px / length_px) + more,
+                    camera,
+                )
             };
             let (Some(middle), Some(before), Some(beyond)) =
                 (there(0.0), there(-0.01), there(0.01))
@@ -167,17 +169,6 @@ fn pieces(
     found
 }
 
-/// The share of an edge's length in space at a share of its length in the image, where it is foreshortened.
-fn share(cuboid: &Cuboid, edge: super::cuboid::Edge, image_share: f64) -> f64 {
-    let depth = |end: f64| {
-        let mut shares = [0, 1, 2].map(|axis| f64::from(u8::from(edge.from & 1 << axis != 0)));
-        shares[edge.axis] = end;
-        cuboid.point(shares).z
-    };
-    let (near, far) = (depth(0.0), depth(1.0));
-    image_share * near / (far + image_share * (near - far))
-}
-
 fn distance_to_line_px(point: ImagePoint, a: ImagePoint, b: ImagePoint) -> f64 {
     let (ux, uy) = (b.x - a.x, b.y - a.y);
     let along = ((point.x - a.x) * ux + (point.y - a.y) * uy) / (ux * ux + uy * uy).max(1e-12);
@@ -189,9 +180,7 @@ impl Adjusted {
     /// Where a vertex is seen, and its covariance \[px^2\].
     pub fn vertex(&self, vertex: usize, camera: &Camera) -> Option<(ImagePoint, Matrix2<f64>)> {
         let point = self.cuboid.vertex(vertex, camera)?;
-        let [x, y] = self.cuboid.derivatives(|cuboid| cuboid.vertex(vertex, camera))?;
-        let of = |a: &Change, b: &Change| (a.transpose() * self.covariance * b)[(0, 0)];
-        let covariance = Matrix2::new(of(&x, &x), of(&x, &y), of(&y, &x), of(&y, &y));
+        let covariance = self.cuboid.vertex_covariance_px2(vertex, camera, &self.covariance)?;
         let is_sound = SymmetricEigen::new(covariance).eigenvalues.min() > 0.0;
         is_sound.then_some((point, covariance))
     }

@@ -9,7 +9,7 @@ use std::f64::consts::{PI, TAU};
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::cuboid::Cuboid;
+use crate::cuboid::Cuboid;
 use crate::geometry::{Camera, ImagePoint};
 use crate::junction::rays::{MOST_RAYS, Rays};
 

@@ -1,6 +1,6 @@
 //! A cuboid as one camera sees it, of unknown size: what its picture depends on, and what is seen of it.
 
-use nalgebra::{Point3, Rotation3, SVector, Vector3};
+use nalgebra::{Matrix2, Point3, Rotation3, SMatrix, SVector, Vector3};
 
 use crate::geometry::{Camera, ImagePoint};
 
@@ -9,6 +9,9 @@ pub const FREEDOM: usize = 8;
 
 /// A change of a cuboid: turn about x, y, z \[rad\], its first vertex along x and y, logarithms of its lengths.
 pub type Change = SVector<f64, FREEDOM>;
+
+/// What is known about a change: Fisher's information, or its inverse.
+pub type Information = SMatrix<f64, FREEDOM, FREEDOM>;
 
 /// A cuboid in the camera's frame. Its size is known up to a factor: its first vertex is at depth 1.
 #[derive(Clone, Copy, Debug)]
@@ -45,7 +48,8 @@ impl Cuboid {
         (0..3).fold(self.first, |sum, i| sum + shares[i] * self.lengths[i] * self.axes[i])
     }
 
-    fn shares(vertex: usize) -> [f64; 3] {
+    /// How far a vertex is along each axis: 0 or 1.
+    pub fn shares(vertex: usize) -> [f64; 3] {
         [0, 1, 2].map(|axis| f64::from(u8::from(vertex & 1 << axis != 0)))
     }
 
@@ -123,5 +127,28 @@ impl Cuboid {
             of[1][index] = (more.y - less.y) / (2.0 * STEP);
         }
         Some(of)
+    }
+
+    /// The share of an edge's length in space at a share of its length in the image, where it is foreshortened.
+    pub fn share_in_space(&self, edge: Edge, image_share: f64) -> f64 {
+        let depth = |end: f64| {
+            let mut shares = Self::shares(edge.from);
+            shares[edge.axis] = end;
+            self.point(shares).z
+        };
+        let (start, end) = (depth(0.0), depth(1.0));
+        image_share * start / (end + image_share * (start - end))
+    }
+
+    /// The covariance of where a vertex is seen, by that of a change \[px^2\].
+    pub fn vertex_covariance_px2(
+        &self,
+        vertex: usize,
+        camera: &Camera,
+        covariance: &Information,
+    ) -> Option<Matrix2<f64>> {
+        let [x, y] = self.derivatives(|cuboid| cuboid.vertex(vertex, camera))?;
+        let of = |a: &Change, b: &Change| (a.transpose() * covariance * b)[(0, 0)];
+        Some(Matrix2::new(of(&x, &x), of(&x, &y), of(&y, &x), of(&y, &y)))
     }
 }
