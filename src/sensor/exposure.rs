@@ -5,6 +5,7 @@ use std::sync::OnceLock;
 use crate::error::{Error, Result};
 use crate::geometry::{Camera, Pose};
 use crate::image::Plane;
+use crate::sensor::mosaic::filter;
 use crate::sensor::{Sensor, Transfer};
 
 /// How the samples of an exposure are to be read.
@@ -44,6 +45,8 @@ pub struct Exposure {
     saturated: Plane<bool>,
     noise: Option<NoiseModel>,
     camera: Option<Camera>,
+    /// Where the first pixel lies in the mosaic that the colours are made of.
+    mosaic: Option<[usize; 2]>,
     luma: OnceLock<Plane<f32>>,
     red_difference: OnceLock<Plane<f32>>,
     is_grey: OnceLock<bool>,
@@ -104,6 +107,7 @@ impl Exposure {
             saturated,
             noise,
             camera: None,
+            mosaic: None,
             luma: OnceLock::new(),
             red_difference: OnceLock::new(),
             is_grey: OnceLock::new(),
@@ -204,6 +208,19 @@ impl Exposure {
     #[must_use]
     pub fn with_camera(self, camera: Camera) -> Self {
         Self { camera: Some(camera), ..self }
+    }
+
+    /// It, of colours that are made of a mosaic, red, green / green, blue, of whose pattern the first pixel is
+    /// this one; what each pixel's own filter let through is kept.
+    #[must_use]
+    pub fn with_mosaic(self, origin: [usize; 2]) -> Self {
+        Self { mosaic: Some(origin.map(|place| place % 2)), ..self }
+    }
+
+    /// Whether a sample of a channel is the sensor's own, not made of its neighbours.
+    #[inline(always)]
+    pub fn is_measured(&self, channel: usize, x: usize, y: usize) -> bool {
+        self.mosaic.is_none_or(|[right, down]| filter(x + right, y + down) == channel)
     }
 
     /// The intrinsics of its camera, as a calibration knows them; `None` where nothing does.

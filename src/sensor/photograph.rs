@@ -242,8 +242,19 @@ impl Photographer {
         let whole = PixelRange { x0: 0, y0: 0, x1: exposure.width(), y1: exposure.height() };
         let rgb = self.pictured(samples, whole, whole);
         let saturated = exposure.saturated().clone();
-        Exposure::photographed(rgb, exposure.encoding(), saturated, self.noise())
-            .with_camera(photograph.camera)
+        let exposure = Exposure::photographed(rgb, exposure.encoding(), saturated, self.noise())
+            .with_camera(photograph.camera);
+        self.of_mosaic(exposure, [0, 0])
+    }
+
+    /// An exposure that knows which samples are the sensor's own; its first pixel is this one of the sensor.
+    fn of_mosaic(&self, exposure: Exposure, origin: [usize; 2]) -> Exposure {
+        let is_mosaic = self.model.colour == Colour::Rggb;
+        if is_mosaic && self.model.output.demosaic != Demosaic::Raw {
+            exposure.with_mosaic(origin)
+        } else {
+            exposure
+        }
     }
 
     /// The part of the frame that is wanted, and what of it has to be taken for that.
@@ -309,9 +320,10 @@ impl Photographer {
             distortion: self.model.optics.distortion,
             ..*camera
         };
+        let exposure =
+            Exposure::photographed(rgb, encoding, saturated, self.noise()).with_camera(camera);
         Photograph {
-            exposure: Exposure::photographed(rgb, encoding, saturated, self.noise())
-                .with_camera(camera),
+            exposure: self.of_mosaic(exposure, [wanted.x0, wanted.y0]),
             camera,
             blur_px,
             light,

@@ -48,15 +48,21 @@ const LINEAR: usize = 6;
 /// Steps of the fit; the cuboid's own follow.
 const STEPS: usize = 4;
 
-/// Fits with fewer pixels tell nothing.
-const LEAST_PIXELS: usize = 16;
+/// Fits of fewer samples, less what is fitted, tell nothing.
+const LEAST_DEGREES: f64 = 8.0;
 
 impl SegmentFitter {
     /// Fits a step; `None` where there is none that noise or its surroundings did not make.
     pub fn fit(&mut self, light: &Light, segment: &Segment) -> Option<Offset> {
         self.take(light, segment);
         let channels = light.planes.len();
-        if self.pixels.len() < LEAST_PIXELS {
+        let counted: usize = self
+            .pixels
+            .iter()
+            .map(|pixel| pixel.weight[..channels].iter().filter(|weight| **weight > 0.0).count())
+            .sum();
+        let degrees = counted as f64 - (channels * LINEAR + 2) as f64;
+        if degrees < LEAST_DEGREES {
             return None;
         }
         let (mut offset_px, mut sigma_px) = (0.0, 0.8_f64);
@@ -65,7 +71,6 @@ impl SegmentFitter {
         for step in 0..=STEPS {
             let (information, right, chi2) = self.equations(channels, offset_px, sigma_px)?;
             normal = information;
-            let degrees = (channels * (self.pixels.len() - LINEAR)) as f64 - 2.0;
             excess = (chi2 / degrees).max(1.0);
             if step == STEPS {
                 break;
@@ -110,7 +115,10 @@ impl SegmentFitter {
                 for (channel, plane) in light.planes.iter().enumerate() {
                     let value = light.of(plane.at(x, y));
                     pixel.light[channel] = f64::from(value);
-                    pixel.weight[channel] = f64::from(light.variance(channel, value)).recip();
+                    // What a mosaic lacks is made of samples that count already.
+                    if light.exposure.is_measured(channel, x, y) {
+                        pixel.weight[channel] = f64::from(light.variance(channel, value)).recip();
+                    }
                 }
                 self.pixels.push(pixel);
             }

@@ -70,6 +70,10 @@ impl<'a> Patches<'a> {
                         continue;
                     }
                     inside += 1;
+                    // What a mosaic lacks is made of samples that count already.
+                    if !light.exposure.is_measured(channel, x.cast_unsigned(), y.cast_unsigned()) {
+                        continue;
+                    }
                     let index = row * side + column;
                     let variance = light.variance(channel, means[index]);
                     of_channel.weights[index] = 1.0 / variance.sqrt();

@@ -11,7 +11,8 @@ const BINS: usize = 48;
 pub(super) struct Ring {
     /// Of the samples over their deviation, in each channel.
     sums: [Vec<f64>; 3],
-    counts: Vec<f64>,
+    /// Pixels whose sample counts, in each channel.
+    counts: [Vec<f64>; 3],
 }
 
 /// The rays with a third one; `None` where no sector is wide enough for it.
@@ -34,12 +35,7 @@ pub(super) fn with_third(two: &Placed, samples: &Samples, ring: &mut Ring) -> Op
         for split in LEAST_BINS..count.saturating_sub(LEAST_BINS) {
             let [a, b] = [(from, split), (from + split, count - split)]
                 .map(|(first, count)| ring.over(first, count));
-            if a.0 < 8.0 || b.0 < 8.0 {
-                continue;
-            }
-            let squares: f64 =
-                (0..3).map(|channel| (a.1[channel] / a.0 - b.1[channel] / b.0).powi(2)).sum();
-            let gain = squares * a.0 * b.0 / (a.0 + b.0);
+            let gain: f64 = (0..3).map(|channel| gain(a[channel], b[channel])).sum();
             if gain > best.0 {
                 best = (gain, Some(TURN * ((from + split) % BINS) as f64 / BINS as f64));
             }
@@ -48,43 +44,53 @@ pub(super) fn with_third(two: &Placed, samples: &Samples, ring: &mut Ring) -> Op
     Some(two.rays_in_image().with(best.1?))
 }
 
+/// How much less is left where two parts, pixels and sums, have a mean each.
+fn gain(a: (f64, f64), b: (f64, f64)) -> f64 {
+    const LEAST_PIXELS: f64 = 4.0;
+    if a.0 < LEAST_PIXELS || b.0 < LEAST_PIXELS {
+        return 0.0;
+    }
+    (a.1 / a.0 - b.1 / b.0).powi(2) * a.0 * b.0 / (a.0 + b.0)
+}
+
 impl Ring {
     fn fill(&mut self, rays: &Rays, samples: &Samples) {
-        self.counts.clear();
-        self.counts.resize(BINS, 0.0);
-        for sums in &mut self.sums {
-            sums.clear();
-            sums.resize(BINS, 0.0);
+        for values in self.counts.iter_mut().chain(&mut self.sums) {
+            values.clear();
+            values.resize(BINS, 0.0);
         }
         let least_px = 2.5 * rays.sigma_px;
         for (index, (x, y)) in samples.places.x.iter().zip(&samples.places.y).enumerate() {
             let dx = f64::from(*x) - rays.vertex[0];
             let dy = f64::from(*y) - rays.vertex[1];
-            if samples.channels[0].weights[index] == 0.0 || dx.hypot(dy) < least_px {
+            if dx.hypot(dy) < least_px {
                 continue;
             }
             let share = dy.atan2(dx).rem_euclid(std::f64::consts::TAU) / std::f64::consts::TAU;
             #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a bin")]
             let bin = ((share * BINS as f64) as usize).min(BINS - 1);
-            self.counts[bin] += 1.0;
-            for (sums, channel) in
-                self.sums.iter_mut().zip(&samples.channels[..samples.channel_count])
+            let channels = &samples.channels[..samples.channel_count];
+            for ((sums, counts), channel) in
+                self.sums.iter_mut().zip(&mut self.counts).zip(channels)
             {
-                sums[bin] += f64::from(channel.samples[index] * channel.weights[index]);
+                let weight = channel.weights[index];
+                if weight > 0.0 {
+                    counts[bin] += 1.0;
+                    sums[bin] += f64::from(channel.samples[index] * weight);
+                }
             }
         }
     }
 
-    /// Pixels and sums of some bins.
-    fn over(&self, first: usize, count: usize) -> (f64, [f64; 3]) {
-        let mut sums = [0.0; 3];
-        let mut pixels = 0.0;
-        for bin in first..first + count {
-            pixels += self.counts[bin % BINS];
-            for (sum, of_channel) in sums.iter_mut().zip(&self.sums) {
-                *sum += of_channel[bin % BINS];
+    /// Pixels and sums of some bins, in each channel.
+    fn over(&self, first: usize, count: usize) -> [(f64, f64); 3] {
+        let mut totals = [(0.0, 0.0); 3];
+        for bin in (first..first + count).map(|bin| bin % BINS) {
+            for ((total, counts), sums) in totals.iter_mut().zip(&self.counts).zip(&self.sums) {
+                total.0 += counts[bin];
+                total.1 += sums[bin];
             }
         }
-        (pixels, sums)
+        totals
     }
 }
