@@ -76,7 +76,7 @@ pub struct Freedom {
 pub enum NoFit {
     /// The samples say nothing about some parameter.
     Singular,
-    /// The vertex left its neighbourhood.
+    /// The vertex left its neighbourhood, or levels there left what samples show.
     Diverged,
 }
 
@@ -212,6 +212,9 @@ impl Fitter {
             .sum();
         if counted <= parameters || covariance.iter().any(|value| !value.is_finite()) {
             return Err(NoFit::Singular);
+        }
+        if !are_plausible(samples, &state) {
+            return Err(NoFit::Diverged);
         }
         Ok(Fit {
             rays: state.rays,
@@ -441,6 +444,25 @@ fn contrast_over_noise(samples: &Samples, state: &State) -> f64 {
             .sum::<f64>()
     };
     (0..rays.count).map(step2).fold(0.0, f64::max).sqrt()
+}
+
+/// Whether the levels at the vertex are, to half of their range beyond it, those of the samples: ramps of a narrow
+/// sector may lead anywhere.
+fn are_plausible(samples: &Samples, state: &State) -> bool {
+    let channels = samples.channels[..samples.channel_count].iter().zip(&state.levels);
+    channels.into_iter().all(|(channel, levels)| {
+        let counted = channel.samples.iter().zip(&channel.weights).filter(|(_, w)| **w > 0.0);
+        let (least, most) = counted.fold((f32::MAX, f32::MIN), |(least, most), (sample, _)| {
+            (least.min(*sample), most.max(*sample))
+        });
+        let (least, most) = (f64::from(least), f64::from(most));
+        let margin = 0.5 * (most - least);
+        let [x, y] = state.rays.vertex.map(|place| place / samples.radius_px);
+        levels[..state.rays.count].iter().all(|[level, along_x, along_y]| {
+            let there = level + along_x * x + along_y * y;
+            (least - margin..=most + margin).contains(&there)
+        })
+    })
 }
 
 /// What keeps the levels of a sector that is hardly seen from being anything.
