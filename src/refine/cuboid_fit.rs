@@ -3,7 +3,8 @@
 //! ```text
 //! # Method      (1) Junctions are fitted at the strongest seeds (junction_fit). Three rays from one point are the
 //!               picture of three edges at right angles in one way; where other junctions lie tells their lengths.
-//!               The cuboid whose vertices and edges explain most rays is taken. (2) Its edges that are seen,
+//!               The six cuboids whose vertices and edges explain most rays are tried; the one is taken of whose
+//!               edges most is found where it should be. (2) Its edges that are seen,
 //!               less 3.5 px at each end, are cut into pieces of at most 6 px, each located across itself by
 //!               a blurred step with ramps fitted to the pixels within 4 px, in all channels, weighted by the
 //!               camera's noise. (3) The cuboid's eight numbers (a turn, a vertex's place, three lengths; its size
@@ -114,12 +115,14 @@ const LEAST_RAYS: usize = 7;
 impl CuboidFit {
     fn fitted(&self, light: &Light, camera: &Camera, seeds: &[Detection]) -> Option<Adjusted> {
         let junctions = self.junctions(light, seeds);
-        let (cuboid, explained) = hypothesis::best(&junctions, camera)?;
-        if explained < LEAST_RAYS {
-            return None;
-        }
         let mut fitter = SegmentFitter::default();
-        adjust(light, camera, cuboid, self.max_iterations, self.epsilon_px, &mut fitter)
+        hypothesis::likely(&junctions, camera, LEAST_RAYS)
+            .into_iter()
+            .filter_map(|cuboid| {
+                let iterations = self.max_iterations;
+                adjust(light, camera, cuboid, iterations, self.epsilon_px, &mut fitter)
+            })
+            .max_by(|a, b| a.evidence.total_cmp(&b.evidence))
     }
 
     /// Junctions at the strongest seeds, none twice.

@@ -29,6 +29,8 @@ pub(super) struct Adjusted {
     pub cuboid: Cuboid,
     /// Of its change.
     covariance: Information,
+    /// How many pieces of edges are where they should be, less a fifth of those that are not.
+    pub evidence: f64,
     pub iterations: u32,
     pub converged: bool,
 }
@@ -51,7 +53,7 @@ pub(super) fn adjust(
 ) -> Option<Adjusted> {
     let mut cuboid = start;
     for iterations in 1..=max_iterations {
-        let pieces = pieces(light, camera, &cuboid, fitter);
+        let (pieces, wanted) = pieces(light, camera, &cuboid, fitter);
         if pieces.len() < LEAST_PIECES {
             return None;
         }
@@ -83,7 +85,8 @@ pub(super) fn adjust(
         if converged || iterations == max_iterations {
             let degrees = (counted - FREEDOM as f64).max(1.0);
             let covariance = covariance * (left / degrees).max(1.0);
-            return Some(Adjusted { cuboid, covariance, iterations, converged });
+            let evidence = counted - 0.2 * (wanted - counted);
+            return Some(Adjusted { cuboid, covariance, evidence, iterations, converged });
         }
     }
     None
@@ -106,14 +109,15 @@ fn scale(pieces: &[Piece]) -> f64 {
     crate::stats::median(&all).map_or(1.0, |median| (1.4826 * median).max(1.0))
 }
 
-/// The pieces of the edges that are seen.
+/// The pieces of the edges that are found, and how many were looked for.
 fn pieces(
     light: &Light,
     camera: &Camera,
     cuboid: &Cuboid,
     fitter: &mut SegmentFitter,
-) -> Vec<Piece> {
+) -> (Vec<Piece>, f64) {
     let mut found = Vec::new();
+    let mut wanted = 0.0;
     let seen: Vec<_> = edges()
         .filter(|edge| cuboid.shows(*edge))
         .filter_map(|edge| {
@@ -153,6 +157,7 @@ fn pieces(
             if side_px < SIDE_PX[1] {
                 continue;
             }
+            wanted += 1.0;
             let segment = Segment { middle, along, length_px: inner_px / count as f64, side_px };
             let Some(offset) = fitter.fit(light, &segment) else { continue };
             let Some([x, y]) = cuboid.derivatives(place) else { continue };
@@ -166,7 +171,7 @@ fn pieces(
             });
         }
     }
-    found
+    (found, wanted)
 }
 
 fn distance_to_line_px(point: ImagePoint, a: ImagePoint, b: ImagePoint) -> f64 {

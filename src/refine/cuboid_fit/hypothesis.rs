@@ -23,10 +23,10 @@ const MOST_LENGTHS: usize = 8;
 /// Edges that are seen shorter than this are none \[px\].
 const LEAST_LENGTH_PX: f64 = 10.0;
 
-/// The cuboid that explains most junctions, and how many of their rays; `None` where none has three rays, or
-/// nothing tells how long the edges are.
-pub(super) fn best(junctions: &[Rays], camera: &Camera) -> Option<(Cuboid, usize)> {
-    let mut best: Option<(Cuboid, usize)> = None;
+/// The cuboids that explain most rays of junctions, at least so many, the best first; few, or none.
+pub(super) fn likely(junctions: &[Rays], camera: &Camera, least_rays: usize) -> Vec<Cuboid> {
+    const MOST: usize = 6;
+    let mut found: Vec<(usize, Cuboid)> = Vec::new();
     for rays in junctions.iter().filter(|rays| rays.count == MOST_RAYS) {
         let Some(trihedron) = trihedron(rays, camera) else { continue };
         let lengths = lengths(&trihedron, junctions, camera);
@@ -35,14 +35,16 @@ pub(super) fn best(junctions: &[Rays], camera: &Camera) -> Option<(Cuboid, usize
                 for c in &lengths[2] {
                     let Some(cuboid) = of_lengths(&trihedron, [*a, *b, *c]) else { continue };
                     let explained = explained(&cuboid, junctions, camera);
-                    if best.as_ref().is_none_or(|(_, most)| explained > *most) {
-                        best = Some((cuboid, explained));
+                    let place = found.partition_point(|(other, _)| *other >= explained);
+                    if explained >= least_rays && place < MOST {
+                        found.insert(place, (explained, cuboid));
+                        found.truncate(MOST);
                     }
                 }
             }
         }
     }
-    best
+    found.into_iter().map(|(_, cuboid)| cuboid).collect()
 }
 
 /// It, with lengths of which some may be unknown, where edges are hidden: these are taken for as long as the others.
