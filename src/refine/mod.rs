@@ -8,7 +8,10 @@ use crate::registry::Entry;
 use crate::sensor::Exposure;
 
 pub mod annular_orthogonality;
+pub mod apriltag_edges;
 pub mod corner_sub_pix;
+pub mod edge_intersection;
+mod edges;
 pub mod junction_fit;
 mod light;
 pub mod none;
@@ -89,5 +92,11 @@ pub trait Refiner: Send + Sync {
 }
 
 /// Every refiner that a plan can name, in alphabetical order.
-pub const REFINERS: &[Entry<dyn Refiner>] =
-    &[annular_orthogonality::ENTRY, corner_sub_pix::ENTRY, junction_fit::ENTRY, none::ENTRY];
+pub const REFINERS: &[Entry<dyn Refiner>] = &[
+    annular_orthogonality::ENTRY,
+    apriltag_edges::ENTRY,
+    corner_sub_pix::ENTRY,
+    edge_intersection::ENTRY,
+    junction_fit::ENTRY,
+    none::ENTRY,
+];

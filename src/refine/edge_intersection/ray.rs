@@ -1,0 +1,317 @@
+//! A ray in the image: where its edge is seen, column by column.
+//!
+//! Stations are the columns of pixels that the ray crosses, or the rows where it is steep: each pixel belongs to
+//! one station, so that the errors of stations are independent, and nothing is interpolated.
+
+use nalgebra::Vector2;
+
+use super::Operator;
+use super::{devernay, erf_profile, partial_area};
+use crate::refine::edges::Line;
+use crate::refine::light::Light;
+
+/// Pixels of a column at most.
+pub(super) const MOST: usize = 64;
+
+/// How near to another ray pixels are that it changes, in blurs.
+const MARGIN: f64 = 3.0;
+
+/// What an operator found at a station.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Found {
+    /// How far across the line the edge is \[px\].
+    pub offset_px: f64,
+    /// By the noise of the pixels \[px^2\].
+    pub variance_px2: f64,
+    /// The step across the edge; about 1.
+    pub step: f64,
+    pub step_variance: f64,
+    /// The blur \[px\] and its weight.
+    pub blur: Option<[f64; 2]>,
+}
+
+/// An edge at a station.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Edgel {
+    /// How far out \[px\].
+    pub along_px: f64,
+    pub offset_px: f64,
+    pub variance_px2: f64,
+}
+
+/// A ray and the light about it, projected from all channels to one number that steps by 1 across it.
+pub(super) struct Ray<'a> {
+    light: &'a Light<'a>,
+    pub line: Line,
+    direction: Vector2<f64>,
+    normal: Vector2<f64>,
+    /// Blur of the edge, the pixel's area included \[px\].
+    pub sigma_px: f64,
+    /// Sine and cosine to the next ray, where it is nearer than half a turn; to smaller and larger angles.
+    sectors: [Option<(f64, f64)>; 2],
+    /// Of each channel; none steps where they are all 0.
+    weights: [f64; 3],
+    /// Variance of the number on both sides, to smaller and larger angles.
+    pub variances: [f64; 2],
+    /// The coordinate that counts stations: x where the ray is flat, y where it is steep.
+    along: usize,
+}
+
+/// The pixels of a station.
+pub(super) struct Column {
+    /// Of the station \[px\].
+    pub place: isize,
+    /// Where the line crosses it \[px\].
+    pub crossing_px: f64,
+    /// The first pixel, across \[px\].
+    pub first: isize,
+    pub count: usize,
+    pub values: [f64; MOST],
+    /// From the line, positive to larger angles \[px\].
+    pub distances_px: [f64; MOST],
+    /// Whether they are in the image and away from other rays.
+    pub usable: [bool; MOST],
+}
+
+impl Default for Column {
+    fn default() -> Self {
+        Self {
+            place: 0,
+            crossing_px: 0.0,
+            first: 0,
+            count: 0,
+            values: [0.0; MOST],
+            distances_px: [0.0; MOST],
+            usable: [false; MOST],
+        }
+    }
+}
+
+/// How a ray was followed.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Followed {
+    /// The blur that stations tell \[px\].
+    pub sigma_px: f64,
+    /// What the mean over many stations has of their variance: 1 where their errors are independent.
+    pub kept: f64,
+    /// Whether it ended where the image does.
+    pub left_image: bool,
+}
+
+impl<'a> Ray<'a> {
+    /// That of one of the lines, in order of their angles, that leave a vertex.
+    pub fn new(light: &'a Light<'a>, lines: &[Line], index: usize, sigma_px: f64) -> Self {
+        let line = lines[index];
+        let opening = |from: &Line, to: &Line| {
+            let opening = (to.angle_rad - from.angle_rad).rem_euclid(std::f64::consts::TAU);
+            (opening < std::f64::consts::PI).then(|| opening.sin_cos())
+        };
+        let count = lines.len();
+        let [before, after] = [lines[(index + count - 1) % count], lines[(index + 1) % count]];
+        let direction = line.direction();
+        let mut ray = Self {
+            light,
+            line,
+            direction,
+            normal: line.normal(),
+            sigma_px,
+            sectors: [opening(&before, &line), opening(&line, &after)],
+            weights: [0.0; 3],
+            variances: [1.0; 2],
+            along: usize::from(direction.y.abs() > direction.x.abs()),
+        };
+        ray.project();
+        ray
+    }
+
+    /// Whether a place so far along and across lies beside this ray and away from all others.
+    fn is_clear(&self, along_px: f64, across_px: f64) -> bool {
+        let margin_px = MARGIN * self.sigma_px;
+        let far_px = self.sectors[usize::from(across_px > 0.0)]
+            .map_or(f64::MAX, |(sine, cosine)| along_px * sine - across_px.abs() * cosine);
+        along_px >= margin_px && far_px >= margin_px
+    }
+
+    /// A pixel of the image, by its places along and across; `None` where it is not to be used.
+    fn pixel(&self, place: isize, across: isize) -> Option<[isize; 2]> {
+        let [x, y] = if self.along == 0 { [place, across] } else { [across, place] };
+        let exposure = self.light.exposure;
+        let (width, height) = (exposure.width().cast_signed(), exposure.height().cast_signed());
+        let is_inside = (0..width).contains(&x) && (0..height).contains(&y);
+        (is_inside && !exposure.saturated().at(x.cast_unsigned(), y.cast_unsigned())).then_some([x, y])
+    }
+
+    /// The projected light of a pixel beside the ray; `None` where it is not to be used.
+    pub fn value(&self, place: isize, across: isize) -> Option<f64> {
+        let [x, y] = self.pixel(place, across)?;
+        let from = Vector2::new(x as f64, y as f64) - self.line.origin;
+        self.is_clear(from.dot(&self.direction), from.dot(&self.normal)).then(|| {
+            let of = |(plane, weight): (&crate::image::Plane<f32>, f64)| {
+                weight * f64::from(self.light.of(plane.at(x.cast_unsigned(), y.cast_unsigned())))
+            };
+            self.light.planes.iter().zip(self.weights).map(of).sum()
+        })
+    }
+
+    /// How much farther across the line the next pixel of a column is \[px\], with its sign.
+    pub fn across_px(&self) -> f64 {
+        self.normal[1 - self.along]
+    }
+
+    /// By how many pixels of a column the line moves from one station to the next.
+    pub fn slope(&self) -> f64 {
+        self.direction[1 - self.along] / self.direction[self.along]
+    }
+
+    /// The weights of channels by which the step is 1 and largest over the noise: steps over variances.
+    fn project(&mut self) {
+        const STATIONS: u32 = 10;
+        let mut sums = [[0.0; 3]; 2];
+        let mut counts = [0.0; 2];
+        for station in 0..STATIONS {
+            let along_px = MARGIN * self.sigma_px + 0.5 + f64::from(station);
+            for far_px in [2.0 * self.sigma_px + 0.5, 2.0 * self.sigma_px + 1.5] {
+                for (side, across_px) in [-far_px, far_px].into_iter().enumerate() {
+                    let point =
+                        self.line.origin + along_px * self.direction + across_px * self.normal;
+                    #[allow(clippy::cast_possible_truncation, reason = "saturates: not inside")]
+                    let [place, across] =
+                        [self.along, 1 - self.along].map(|axis| point[axis].round() as isize);
+                    let Some([x, y]) = self.pixel(place, across) else { continue };
+                    if !self.is_clear(along_px, across_px) {
+                        continue;
+                    }
+                    counts[side] += 1.0;
+                    for (sum, plane) in sums[side].iter_mut().zip(self.light.planes) {
+                        let sample = plane.at(x.cast_unsigned(), y.cast_unsigned());
+                        *sum += f64::from(self.light.of(sample));
+                    }
+                }
+            }
+        }
+        if counts[0] < 3.0 || counts[1] < 3.0 {
+            return;
+        }
+        let channels = self.light.planes.len();
+        let mut of_channel = [[0.0; 2]; 3];
+        let mut total = 0.0;
+        for channel in 0..channels {
+            let levels = [0, 1].map(|side: usize| sums[side][channel] / counts[side]);
+            #[allow(clippy::cast_possible_truncation, reason = "samples are f32")]
+            let variances =
+                levels.map(|level| f64::from(self.light.variance(channel, level as f32)));
+            let step = levels[1] - levels[0];
+            self.weights[channel] = 2.0 * step / (variances[0] + variances[1]);
+            total += self.weights[channel] * step;
+            of_channel[channel] = variances;
+        }
+        if total <= 0.0 {
+            return;
+        }
+        self.weights = self.weights.map(|weight| weight / total);
+        self.variances = [0, 1].map(|side: usize| {
+            (0..channels).map(|c| self.weights[c].powi(2) * of_channel[c][side]).sum()
+        });
+    }
+
+    /// Takes the pixels of a station so far across the line and nearer.
+    fn take(&self, place: isize, half_px: f64, column: &mut Column) {
+        let across_px = self.across_px();
+        let (origin, line) = (self.line.origin[self.along], self.line.origin[1 - self.along]);
+        column.place = place;
+        column.crossing_px = line + (place as f64 - origin) * self.slope();
+        let reach = (half_px / across_px.abs()).min(0.5 * (MOST - 1) as f64);
+        #[allow(clippy::cast_possible_truncation, reason = "near the image")]
+        let [first, last] = [
+            (column.crossing_px - reach).ceil() as isize,
+            (column.crossing_px + reach).floor() as isize,
+        ];
+        column.first = first;
+        column.count = (last - first + 1).clamp(0, MOST.cast_signed()).cast_unsigned();
+        for (index, across) in (first..=last).take(MOST).enumerate() {
+            let value = self.value(place, across);
+            column.distances_px[index] = across_px * (across as f64 - column.crossing_px);
+            column.usable[index] = value.is_some();
+            column.values[index] = value.unwrap_or(0.0);
+        }
+    }
+
+    /// Follows the edge outwards, so far at most, while it is seen and stays in line.
+    pub fn follow(
+        &self,
+        operator: Operator,
+        flank_px: f64,
+        limit_px: f64,
+        column: &mut Column,
+        edgels: &mut Vec<Edgel>,
+    ) -> Followed {
+        const GAP_PX: f64 = 3.0;
+        const LATEST_PX: f64 = 8.0;
+        const SEEN: f64 = 4.0;
+        const OFF_PX: f64 = 0.3;
+        const MOST_CHANGE: f64 = 2.5;
+        edgels.clear();
+        let mut followed = Followed { sigma_px: self.sigma_px, kept: 1.0, left_image: false };
+        if operator == Operator::PartialArea {
+            followed.kept = partial_area::kept(self);
+        }
+        if self.weights.iter().all(|weight| *weight == 0.0) {
+            return followed;
+        }
+        let pace = self.direction[self.along];
+        let origin = self.line.origin[self.along];
+        let least_px = MARGIN * self.sigma_px;
+        let half_px = match operator {
+            Operator::Devernay => devernay::REACH_PX,
+            Operator::Erf => MARGIN * self.sigma_px + flank_px,
+            Operator::PartialArea => partial_area::reach_px(self),
+        };
+        let mut usual = 1.0;
+        let mut last_px = least_px + LATEST_PX;
+        let mut blurs = [0.0; 2];
+        let first = origin + pace * least_px;
+        #[allow(clippy::cast_possible_truncation, reason = "near the image")]
+        let mut place = if pace > 0.0 { first.ceil() } else { first.floor() } as isize;
+        loop {
+            let along_px = (place as f64 - origin) / pace;
+            if along_px > limit_px || along_px > last_px + GAP_PX {
+                break;
+            }
+            self.take(place, half_px, column);
+            #[allow(clippy::cast_possible_truncation, reason = "near the image")]
+            if self.pixel(place, column.crossing_px.round() as isize).is_none() {
+                followed.left_image = true;
+                break;
+            }
+            place += if pace > 0.0 { 1 } else { -1 };
+            let off_px2 = self.line.variance_px2(along_px);
+            let found = match operator {
+                Operator::Devernay => devernay::locate(self, column, off_px2.sqrt()),
+                Operator::Erf => erf_profile::locate(self, column),
+                Operator::PartialArea => partial_area::locate(self, column),
+            };
+            let Some(found) = found else { continue };
+            let most_px = 3.0 * (off_px2 + found.variance_px2).sqrt() + OFF_PX;
+            let is_seen = found.step > SEEN * found.step_variance.sqrt()
+                && (1.0 / MOST_CHANGE..MOST_CHANGE).contains(&(found.step / usual));
+            if !is_seen || found.offset_px.abs() > most_px {
+                continue;
+            }
+            usual += 0.2 * (found.step - usual);
+            last_px = along_px;
+            if let Some([blur_px, weight]) = found.blur {
+                blurs = [blurs[0] + weight * blur_px, blurs[1] + weight];
+            }
+            edgels.push(Edgel {
+                along_px,
+                offset_px: found.offset_px,
+                variance_px2: found.variance_px2,
+            });
+        }
+        if blurs[1] > 0.0 {
+            let change = (blurs[0] / blurs[1] / self.sigma_px).clamp(0.6, 1.6);
+            followed.sigma_px = (change * self.sigma_px).clamp(0.3, 4.0);
+        }
+        followed
+    }
+}
