@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use crate::detect::Detection;
 use crate::geometry::ImagePoint;
 use crate::junction::rays::{MOST_RAYS, Rays};
-use crate::refine::edges::{Line, Meeting, corner, image_point, lines_of, meet};
+use crate::refine::edges::{Meeting, corner, image_point, lines_of, meet};
 use crate::refine::light::Light;
 use crate::refine::starts::Starts;
 use crate::refine::{Corner, RefineStatus, Refiner};
@@ -72,7 +72,7 @@ impl Default for EdgeIntersection {
         Self {
             operator: Operator::Erf,
             max_length_px: 40.0,
-            flank_px: 2.0,
+            flank_px: 3.0,
             max_shift_px: 6.0,
             max_iterations: 10,
             epsilon_px: 1e-3,
@@ -124,7 +124,7 @@ struct Work<'a> {
 }
 
 /// How far edges are followed in the first round \[px\]; in each that follows twice as far.
-const FIRST_PX: f64 = 12.0;
+const FIRST_PX: f64 = 16.0;
 
 /// Lines that differ from one straight edge by no more are one \[rad\].
 const LEAST_RAD: f64 = 0.02;
@@ -179,13 +179,13 @@ impl Work<'_> {
                 let Self { column, edgels, .. } = self;
                 let followed = ray.follow(operator, flank_px, limit_px, column, edgels);
                 left_image |= followed.left_image;
-                let Some(line) = line::through(&ray.line, edgels, &mut self.residuals) else {
-                    continue;
-                };
-                lines[kept] = Line { covariance: followed.kept * line.covariance, ..line };
+                let line = line::through(&ray.line, edgels, &followed, &mut self.residuals);
+                let Some(line) = line else { continue };
+                lines[kept] = line;
                 sigmas_px[kept] = followed.sigma_px;
                 kept += 1;
             }
+            if std::env::var("DBG").is_ok() {eprintln!("{seed:?} round {round} kept {kept} of {count} {:?} n {} last {last:?} sig {sigmas_px:?}", rays.angles_rad, self.edgels.len());}
             if kept < 2 {
                 let status = if left_image { RefineStatus::OutOfBounds } else { RefineStatus::Singular };
                 return Err(status);

@@ -4,24 +4,16 @@
 //! delta = (G- - G+) / (2 (G- - 2 G0 + G+)); along a column or a row, as Grompone von Gioi & Randall, IPOL 2017,
 //! have it, where gradients need not be interpolated.
 
-use super::ray::{Column, Found, Ray};
+use super::ray::{Column, Found, Ray, Shape};
 
 /// Half of the pixels that a gradient is made of.
-const RADIUS: usize = 3;
+const RADIUS: usize = 2;
 /// exp(-j^2 / 2) j, so that a ramp of 1 has a gradient of 1.
-const KERNEL: [f64; 2 * RADIUS + 1] = [
-    -0.013_513_1,
-    -0.109_748_6,
-    -0.245_936_0,
-    0.0,
-    0.245_936_0,
-    0.109_748_6,
-    0.013_513_1,
-];
-/// Variance of the kernel's Gaussian \[px^2\].
-const KERNEL_PX2: f64 = 1.0;
+const KERNEL: [f64; 2 * RADIUS + 1] = [-0.117_835, -0.264_330, 0.0, 0.264_330, 0.117_835];
+/// Variance of the Gaussian that the kernel is a derivative of, cut off as it is: a third of sum j^3 k \[px^2\].
+const KERNEL_PX2: f64 = 0.804_7;
 /// How far across the line pixels are looked at \[px\]: a search and a kernel, of a slanted column, too.
-pub(super) const REACH_PX: f64 = 7.0;
+pub(super) const REACH_PX: f64 = 6.0;
 
 /// Looks for the steepest place up to three times `off_px` from the line.
 pub(super) fn locate(ray: &Ray, column: &Column, off_px: f64) -> Option<Found> {
@@ -69,6 +61,7 @@ pub(super) fn locate(ray: &Ray, column: &Column, off_px: f64) -> Option<Found> {
         variance_px2: across_px * across_px * variance * squares,
         step: peak * most,
         step_variance: peak * peak * variance * energy,
-        blur: Some([blur_px, 1.0]),
+        blur_px: Some(blur_px),
+        shape: Shape::default(),
     })
 }

@@ -1,19 +1,25 @@
 //! The edge as a step of any blur, fitted to a column's pixels where they are.
 //!
-//! I(d) = B + A Phi((d - d0) / sigma) with a ramp to each side, G * (d H(d)) = d Phi + sigma phi where it is blurred.
-//! About d0 = 0 and the ray's blur this is linear in 1, d, d Phi + sigma phi, Phi, phi and t phi, t = d / sigma,
-//! and one step of Gauss and Newton is d0 = -sigma c_phi / A; the ray moves there, and the next round begins at 0.
+//! I(d) = B + A Phi((d - d0) / sigma) + C d + K k, k = 2 (d Phi + sigma phi) - d what |d| is when it is blurred: ramps to
+//! both sides. About d0 = 0 and the ray's blur this is linear in 1, d, Phi, phi, k and t phi, t = d / sigma, and one
+//! step of Gauss and Newton is d0 = -sigma c_phi / A; the ray moves there, and the next round begins at 0. The
+//! kink K is one for the whole ray: of each station it would double the offset's variance. As least squares have it,
+//! the offset without a kink does not correlate with the kink, and moves in proportion to it.
 
-use super::ray::{Column, Found, Ray};
+use nalgebra::{Matrix2, Vector2};
+
+use super::ray::{Column, Found, Ray, Shape};
 
 /// Functions that are fitted: the step and what moves and widens it come last.
 const FUNCTIONS: usize = 6;
-const STEP: usize = 3;
-const MOVED: usize = 4;
+const STEP: usize = 2;
+const MOVED: usize = 3;
+const KINK: usize = 4;
 const WIDENED: usize = 5;
 
-/// Fits the column's pixels, each weighted by its noise.
-pub(super) fn locate(ray: &Ray, column: &Column) -> Option<Found> {
+/// Fits the column's pixels, each weighted by its noise; `usual` is the step of the stations before, which is
+/// known better than this one's.
+pub(super) fn locate(ray: &Ray, column: &Column, usual: f64) -> Option<Found> {
     const LEAST_PIVOT: f64 = 1e-4;
     let sigma_px = ray.sigma_px;
     let [less, more] = ray.variances;
@@ -24,8 +30,8 @@ pub(super) fn locate(ray: &Ray, column: &Column) -> Option<Found> {
         let (far_px, value) = (column.distances_px[index], column.values[index]);
         let t = far_px / sigma_px;
         let (below, density) = normal_distribution(t);
-        let functions =
-            [1.0, far_px, far_px * below + sigma_px * density, below, density, t * density];
+        let kink = 2.0 * (far_px * below + sigma_px * density) - far_px;
+        let functions = [1.0, far_px, below, density, kink, t * density];
         let weight = 1.0 / (less + (more - less) * below);
         for row in 0..FUNCTIONS {
             let weighted = weight * functions[row];
@@ -67,17 +73,28 @@ pub(super) fn locate(ray: &Ray, column: &Column) -> Option<Found> {
     // Surely more is left than noise: other things are near.
     let left = squares / degrees;
     let excess = if left > 1.0 + 5.0 * (2.0 / degrees).sqrt() { left } else { 1.0 };
-    let per_px = step / sigma_px;
-    let widened = right[WIDENED] / normal[WIDENED][WIDENED];
+    let per_px = usual / sigma_px;
+    // The kink in steps, the widening as a share of the blur, which has the opposite sign.
+    let l = Matrix2::new(
+        normal[KINK][KINK],
+        0.0,
+        normal[WIDENED][KINK],
+        normal[WIDENED][WIDENED],
+    );
+    let units = Matrix2::new(usual, 0.0, 0.0, -usual);
+    let moves = Vector2::new(normal[KINK][MOVED], normal[WIDENED][MOVED]);
+    let shape = Shape {
+        information: units * l * l.transpose() * units / excess,
+        score: units * l * Vector2::new(right[KINK], right[WIDENED]) / excess,
+        moves_px: units * moves / (normal[MOVED][MOVED] * per_px),
+    };
     Some(Found {
         offset_px: -moved / per_px,
         variance_px2: excess / (per_px * normal[MOVED][MOVED]).powi(2),
         step,
         step_variance: excess * step_variance,
-        blur: Some([
-            sigma_px - widened / per_px,
-            (per_px * normal[WIDENED][WIDENED]).powi(2) / excess,
-        ]),
+        blur_px: None,
+        shape,
     })
 }
 

@@ -5,7 +5,7 @@
 //! levels T before and B behind, the middle column sums to S = (2 h + 1) (T + B) / 2 + a (T - B), a the mean
 //! place of the edge in it. T and B are means of the three pixels farthest from the edge.
 
-use super::ray::{Column, Found, Ray};
+use super::ray::{Column, Found, Ray, Shape};
 
 /// Half a column, without its middle: 2 in the source, for edges without blur; with it the tails need more.
 fn half(ray: &Ray) -> usize {
@@ -60,7 +60,8 @@ pub(super) fn locate(ray: &Ray, column: &Column) -> Option<Found> {
         variance_px2: across_px * across_px * variance * squares / (step * step),
         step,
         step_variance: variance * 2.0 / 3.0,
-        blur: None,
+        blur_px: None,
+        shape: Shape::default(),
     })
 }
 

@@ -3,7 +3,7 @@
 //! Stations are the columns of pixels that the ray crosses, or the rows where it is steep: each pixel belongs to
 //! one station, so that the errors of stations are independent, and nothing is interpolated.
 
-use nalgebra::Vector2;
+use nalgebra::{Matrix2, Vector2};
 
 use super::Operator;
 use super::{devernay, erf_profile, partial_area};
@@ -26,8 +26,22 @@ pub(super) struct Found {
     /// The step across the edge; about 1.
     pub step: f64,
     pub step_variance: f64,
-    /// The blur \[px\] and its weight.
-    pub blur: Option<[f64; 2]>,
+    /// The blur, where the station alone tells it \[px\].
+    pub blur_px: Option<f64>,
+    pub shape: Shape,
+}
+
+/// What a station tells of the edge's shape, which is that of the whole ray: by how much more than in a ramp light
+/// changes away from the edge on both sides, in steps \[1/px\], and how much wider than thought the blur is, in
+/// blurs.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Shape {
+    /// Inverse covariance.
+    pub information: Matrix2<f64>,
+    /// It times the shape.
+    pub score: Vector2<f64>,
+    /// By how much the shape moves the offset \[px\].
+    pub moves_px: Vector2<f64>,
 }
 
 /// An edge at a station.
@@ -37,6 +51,8 @@ pub(super) struct Edgel {
     pub along_px: f64,
     pub offset_px: f64,
     pub variance_px2: f64,
+    /// By how much the ray's shape moves it \[px\].
+    pub moves_px: Vector2<f64>,
 }
 
 /// A ray and the light about it, projected from all channels to one number that steps by 1 across it.
@@ -94,6 +110,8 @@ pub(super) struct Followed {
     pub sigma_px: f64,
     /// What the mean over many stations has of their variance: 1 where their errors are independent.
     pub kept: f64,
+    /// Covariance of the shape.
+    pub shape: Matrix2<f64>,
     /// Whether it ended where the image does.
     pub left_image: bool,
 }
@@ -246,12 +264,12 @@ impl<'a> Ray<'a> {
         edgels: &mut Vec<Edgel>,
     ) -> Followed {
         const GAP_PX: f64 = 3.0;
-        const LATEST_PX: f64 = 8.0;
+        const LATEST_PX: f64 = 12.0;
         const SEEN: f64 = 4.0;
         const OFF_PX: f64 = 0.3;
         const MOST_CHANGE: f64 = 2.5;
         edgels.clear();
-        let mut followed = Followed { sigma_px: self.sigma_px, kept: 1.0, left_image: false };
+        let mut followed = Followed { sigma_px: self.sigma_px, kept: 1.0, shape: Matrix2::zeros(), left_image: false };
         if operator == Operator::PartialArea {
             followed.kept = partial_area::kept(self);
         }
@@ -268,7 +286,8 @@ impl<'a> Ray<'a> {
         };
         let mut usual = 1.0;
         let mut last_px = least_px + LATEST_PX;
-        let mut blurs = [0.0; 2];
+        let mut blurs_px = [0.0; 2];
+        let (mut information, mut score) = (Matrix2::zeros(), Vector2::zeros());
         let first = origin + pace * least_px;
         #[allow(clippy::cast_possible_truncation, reason = "near the image")]
         let mut place = if pace > 0.0 { first.ceil() } else { first.floor() } as isize;
@@ -287,7 +306,7 @@ impl<'a> Ray<'a> {
             let off_px2 = self.line.variance_px2(along_px);
             let found = match operator {
                 Operator::Devernay => devernay::locate(self, column, off_px2.sqrt()),
-                Operator::Erf => erf_profile::locate(self, column),
+                Operator::Erf => erf_profile::locate(self, column, usual),
                 Operator::PartialArea => partial_area::locate(self, column),
             };
             let Some(found) = found else { continue };
@@ -299,19 +318,31 @@ impl<'a> Ray<'a> {
             }
             usual += 0.2 * (found.step - usual);
             last_px = along_px;
-            if let Some([blur_px, weight]) = found.blur {
-                blurs = [blurs[0] + weight * blur_px, blurs[1] + weight];
+            if let Some(blur_px) = found.blur_px {
+                blurs_px = [blurs_px[0] + blur_px, blurs_px[1] + 1.0];
             }
+            information += found.shape.information;
+            score += found.shape.score;
             edgels.push(Edgel {
                 along_px,
                 offset_px: found.offset_px,
                 variance_px2: found.variance_px2,
+                moves_px: found.shape.moves_px,
             });
         }
-        if blurs[1] > 0.0 {
-            let change = (blurs[0] / blurs[1] / self.sigma_px).clamp(0.6, 1.6);
-            followed.sigma_px = (change * self.sigma_px).clamp(0.3, 4.0);
+        let mut wider = 1.0;
+        if blurs_px[1] > 0.0 {
+            wider = blurs_px[0] / blurs_px[1] / self.sigma_px;
         }
+        if let Some(covariance) = information.try_inverse() {
+            let shape = covariance * score;
+            wider += shape.y;
+            followed.shape = covariance;
+            for edgel in edgels {
+                edgel.offset_px += edgel.moves_px.dot(&shape);
+            }
+        }
+        followed.sigma_px = (wider.clamp(0.6, 1.6) * self.sigma_px).clamp(0.3, 4.0);
         followed
     }
 }
