@@ -19,7 +19,7 @@ use crate::refine::{Corner, RefineStatus, Refiner};
 use crate::registry::{Entry, defaults, parameters, schema};
 use crate::sensor::Exposure;
 
-use ray::{Column, Edgel, Ray};
+use ray::{Column, Edgel, Look, Ray};
 
 /// The registry's line.
 pub const ENTRY: Entry<dyn Refiner> = Entry {
@@ -160,7 +160,7 @@ impl Work<'_> {
         let EdgeIntersection { operator, max_length_px, flank_px, max_iterations, .. } =
             *self.refiner;
         let mut lines = lines_of(rays);
-        let mut sigmas_px = [1.0; MOST_RAYS];
+        let mut looks = [Look { sigma_px: 1.0, growth_per_px: 0.0 }; MOST_RAYS];
         let mut count = rays.count;
         let mut last = Vector2::from(rays.vertex);
         let mut limit_px = FIRST_PX;
@@ -175,17 +175,16 @@ impl Work<'_> {
             let mut kept = 0;
             let mut left_image = false;
             for index in 0..count {
-                let ray = Ray::new(self.light, &before[..count], index, sigmas_px[index]);
+                let ray = Ray::new(self.light, &before[..count], index, looks[index]);
                 let Self { column, edgels, .. } = self;
                 let followed = ray.follow(operator, flank_px, limit_px, column, edgels);
                 left_image |= followed.left_image;
                 let line = line::through(&ray.line, edgels, &followed, &mut self.residuals);
                 let Some(line) = line else { continue };
                 lines[kept] = line;
-                sigmas_px[kept] = followed.sigma_px;
+                looks[kept] = followed.look;
                 kept += 1;
             }
-            if std::env::var("DBG").is_ok() {eprintln!("{seed:?} round {round} kept {kept} of {count} {:?} n {} last {last:?} sig {sigmas_px:?}", rays.angles_rad, self.edgels.len());}
             if kept < 2 {
                 let status = if left_image { RefineStatus::OutOfBounds } else { RefineStatus::Singular };
                 return Err(status);

@@ -53,7 +53,7 @@ pub(super) fn locate(ray: &Ray, column: &Column, off_px: f64) -> Option<Found> {
     let width_px2 = (1.0 / curvature).max(KERNEL_PX2);
     let blur_px = (across_px * across_px * (width_px2 - KERNEL_PX2)).sqrt();
     let peak = (std::f64::consts::TAU
-        * ((ray.sigma_px / across_px).powi(2) + KERNEL_PX2))
+        * ((ray.look.sigma_px / across_px).powi(2) + KERNEL_PX2))
         .sqrt();
     let energy: f64 = KERNEL.iter().map(|tap| tap * tap).sum();
     Some(Found {

@@ -21,7 +21,7 @@ const WIDENED: usize = 5;
 /// known better than this one's.
 pub(super) fn locate(ray: &Ray, column: &Column, usual: f64) -> Option<Found> {
     const LEAST_PIVOT: f64 = 1e-4;
-    let sigma_px = ray.sigma_px;
+    let sigma_px = ray.look.sigma_px;
     let [less, more] = ray.variances;
     let mut normal = [[0.0; FUNCTIONS]; FUNCTIONS];
     let mut right = [0.0; FUNCTIONS];
@@ -74,14 +74,14 @@ pub(super) fn locate(ray: &Ray, column: &Column, usual: f64) -> Option<Found> {
     let left = squares / degrees;
     let excess = if left > 1.0 + 5.0 * (2.0 / degrees).sqrt() { left } else { 1.0 };
     let per_px = usual / sigma_px;
-    // The kink in steps, the widening as a share of the blur, which has the opposite sign.
+    // The kink as it is, the widening as a share of the blur: phi t is what narrows the step.
     let l = Matrix2::new(
         normal[KINK][KINK],
         0.0,
         normal[WIDENED][KINK],
         normal[WIDENED][WIDENED],
     );
-    let units = Matrix2::new(usual, 0.0, 0.0, -usual);
+    let units = Matrix2::new(1.0, 0.0, 0.0, -usual);
     let moves = Vector2::new(normal[KINK][MOVED], normal[WIDENED][MOVED]);
     let shape = Shape {
         information: units * l * l.transpose() * units / excess,

@@ -11,7 +11,7 @@ use super::ray::{Column, Found, Ray, Shape};
 fn half(ray: &Ray) -> usize {
     const TAIL: f64 = 2.5;
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a few")]
-    let half = (0.25 + TAIL * ray.sigma_px / ray.across_px().abs()).round() as usize;
+    let half = (0.25 + TAIL * ray.look.sigma_px / ray.across_px().abs()).round() as usize;
     half.clamp(2, 12)
 }
 

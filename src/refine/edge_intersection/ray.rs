@@ -16,6 +16,9 @@ pub(super) const MOST: usize = 64;
 /// How near to another ray pixels are that it changes, in blurs.
 const MARGIN: f64 = 3.0;
 
+/// So many places along a ray are looked at for the step across it \[px\].
+const STATIONS: u32 = 10;
+
 /// What an operator found at a station.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Found {
@@ -32,7 +35,7 @@ pub(super) struct Found {
 }
 
 /// What a station tells of the edge's shape, which is that of the whole ray: by how much more than in a ramp light
-/// changes away from the edge on both sides, in steps \[1/px\], and how much wider than thought the blur is, in
+/// changes away from the edge on both sides \[1/px\], and how much wider than thought the blur is, in
 /// blurs.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Shape {
@@ -51,8 +54,20 @@ pub(super) struct Edgel {
     pub along_px: f64,
     pub offset_px: f64,
     pub variance_px2: f64,
+    /// The step across the edge and its variance.
+    step: f64,
+    step_variance: f64,
     /// By how much the ray's shape moves it \[px\].
     pub moves_px: Vector2<f64>,
+}
+
+/// What a ray's edge looks like, as far as is known.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Look {
+    /// Its blur, the pixel's area included \[px\].
+    pub sigma_px: f64,
+    /// By how much its step grows outwards, of the step near the corner \[1/px\].
+    pub growth_per_px: f64,
 }
 
 /// A ray and the light about it, projected from all channels to one number that steps by 1 across it.
@@ -61,9 +76,9 @@ pub(super) struct Ray<'a> {
     pub line: Line,
     direction: Vector2<f64>,
     normal: Vector2<f64>,
-    /// Blur of the edge, the pixel's area included \[px\].
-    pub sigma_px: f64,
-    /// Sine and cosine to the next ray, where it is nearer than half a turn; to smaller and larger angles.
+    pub look: Look,
+    /// Sine and cosine to the next ray, to smaller and larger angles; where it is at a right angle or more, what is
+    /// beyond the corner is away from it.
     sectors: [Option<(f64, f64)>; 2],
     /// Of each channel; none steps where they are all 0.
     weights: [f64; 3],
@@ -106,8 +121,8 @@ impl Default for Column {
 /// How a ray was followed.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Followed {
-    /// The blur that stations tell \[px\].
-    pub sigma_px: f64,
+    /// What stations tell of the edge.
+    pub look: Look,
     /// What the mean over many stations has of their variance: 1 where their errors are independent.
     pub kept: f64,
     /// Covariance of the shape.
@@ -118,11 +133,11 @@ pub(super) struct Followed {
 
 impl<'a> Ray<'a> {
     /// That of one of the lines, in order of their angles, that leave a vertex.
-    pub fn new(light: &'a Light<'a>, lines: &[Line], index: usize, sigma_px: f64) -> Self {
+    pub fn new(light: &'a Light<'a>, lines: &[Line], index: usize, look: Look) -> Self {
         let line = lines[index];
         let opening = |from: &Line, to: &Line| {
             let opening = (to.angle_rad - from.angle_rad).rem_euclid(std::f64::consts::TAU);
-            (opening < std::f64::consts::PI).then(|| opening.sin_cos())
+            (opening < std::f64::consts::FRAC_PI_2).then(|| opening.sin_cos())
         };
         let count = lines.len();
         let [before, after] = [lines[(index + count - 1) % count], lines[(index + 1) % count]];
@@ -132,7 +147,7 @@ impl<'a> Ray<'a> {
             line,
             direction,
             normal: line.normal(),
-            sigma_px,
+            look,
             sectors: [opening(&before, &line), opening(&line, &after)],
             weights: [0.0; 3],
             variances: [1.0; 2],
@@ -144,7 +159,7 @@ impl<'a> Ray<'a> {
 
     /// Whether a place so far along and across lies beside this ray and away from all others.
     fn is_clear(&self, along_px: f64, across_px: f64) -> bool {
-        let margin_px = MARGIN * self.sigma_px;
+        let margin_px = MARGIN * self.look.sigma_px;
         let far_px = self.sectors[usize::from(across_px > 0.0)]
             .map_or(f64::MAX, |(sine, cosine)| along_px * sine - across_px.abs() * cosine);
         along_px >= margin_px && far_px >= margin_px
@@ -181,14 +196,19 @@ impl<'a> Ray<'a> {
         self.direction[1 - self.along] / self.direction[self.along]
     }
 
+    /// The step that is expected so far along: 1 as a mean of where it was measured.
+    fn step(&self, along_px: f64) -> f64 {
+        let middle_px = MARGIN * self.look.sigma_px + 0.5 * f64::from(STATIONS);
+        1.0 + self.look.growth_per_px * (along_px - middle_px)
+    }
+
     /// The weights of channels by which the step is 1 and largest over the noise: steps over variances.
     fn project(&mut self) {
-        const STATIONS: u32 = 10;
-        let mut sums = [[0.0; 3]; 2];
+                let mut sums = [[0.0; 3]; 2];
         let mut counts = [0.0; 2];
         for station in 0..STATIONS {
-            let along_px = MARGIN * self.sigma_px + 0.5 + f64::from(station);
-            for far_px in [2.0 * self.sigma_px + 0.5, 2.0 * self.sigma_px + 1.5] {
+            let along_px = MARGIN * self.look.sigma_px + 0.5 + f64::from(station);
+            for far_px in [2.0 * self.look.sigma_px + 0.5, 2.0 * self.look.sigma_px + 1.5] {
                 for (side, across_px) in [-far_px, far_px].into_iter().enumerate() {
                     let point =
                         self.line.origin + along_px * self.direction + across_px * self.normal;
@@ -268,8 +288,9 @@ impl<'a> Ray<'a> {
         const SEEN: f64 = 4.0;
         const OFF_PX: f64 = 0.3;
         const MOST_CHANGE: f64 = 2.5;
+        const LEAST_STEP: f64 = 0.25;
         edgels.clear();
-        let mut followed = Followed { sigma_px: self.sigma_px, kept: 1.0, shape: Matrix2::zeros(), left_image: false };
+        let mut followed = Followed { look: self.look, kept: 1.0, shape: Matrix2::zeros(), left_image: false };
         if operator == Operator::PartialArea {
             followed.kept = partial_area::kept(self);
         }
@@ -278,13 +299,12 @@ impl<'a> Ray<'a> {
         }
         let pace = self.direction[self.along];
         let origin = self.line.origin[self.along];
-        let least_px = MARGIN * self.sigma_px;
+        let least_px = MARGIN * self.look.sigma_px;
         let half_px = match operator {
             Operator::Devernay => devernay::REACH_PX,
-            Operator::Erf => MARGIN * self.sigma_px + flank_px,
+            Operator::Erf => MARGIN * self.look.sigma_px + flank_px,
             Operator::PartialArea => partial_area::reach_px(self),
         };
-        let mut usual = 1.0;
         let mut last_px = least_px + LATEST_PX;
         let mut blurs_px = [0.0; 2];
         let (mut information, mut score) = (Matrix2::zeros(), Vector2::zeros());
@@ -303,6 +323,10 @@ impl<'a> Ray<'a> {
                 break;
             }
             place += if pace > 0.0 { 1 } else { -1 };
+            let usual = self.step(along_px);
+            if usual < LEAST_STEP {
+                break;
+            }
             let off_px2 = self.line.variance_px2(along_px);
             let found = match operator {
                 Operator::Devernay => devernay::locate(self, column, off_px2.sqrt()),
@@ -316,7 +340,6 @@ impl<'a> Ray<'a> {
             if !is_seen || found.offset_px.abs() > most_px {
                 continue;
             }
-            usual += 0.2 * (found.step - usual);
             last_px = along_px;
             if let Some(blur_px) = found.blur_px {
                 blurs_px = [blurs_px[0] + blur_px, blurs_px[1] + 1.0];
@@ -327,12 +350,15 @@ impl<'a> Ray<'a> {
                 along_px,
                 offset_px: found.offset_px,
                 variance_px2: found.variance_px2,
+                step: found.step,
+                step_variance: found.step_variance,
                 moves_px: found.shape.moves_px,
             });
         }
+        self.straighten(&mut followed, edgels);
         let mut wider = 1.0;
         if blurs_px[1] > 0.0 {
-            wider = blurs_px[0] / blurs_px[1] / self.sigma_px;
+            wider = blurs_px[0] / blurs_px[1] / self.look.sigma_px;
         }
         if let Some(covariance) = information.try_inverse() {
             let shape = covariance * score;
@@ -342,7 +368,28 @@ impl<'a> Ray<'a> {
                 edgel.offset_px += edgel.moves_px.dot(&shape);
             }
         }
-        followed.sigma_px = (wider.clamp(0.6, 1.6) * self.sigma_px).clamp(0.3, 4.0);
+        followed.look.sigma_px = (wider.clamp(0.6, 1.6) * self.look.sigma_px).clamp(0.3, 4.0);
         followed
+    }
+
+    /// Along a slanted column the step grows, too: with the ramps across it is taken for a blurred one, where that
+    /// along the edge is none, and t sigma^2 A' / A too far, t what a column leads along the edge for each px
+    /// across.
+    fn straighten(&self, followed: &mut Followed, edgels: &mut [Edgel]) {
+        let (mut normal, mut right) = (Matrix2::zeros(), Vector2::zeros());
+        for edgel in edgels.iter() {
+            let place = Vector2::new(1.0, edgel.along_px);
+            normal += place * place.transpose() / edgel.step_variance;
+            right += edgel.step * place / edgel.step_variance;
+        }
+        let Some(inverse) = normal.try_inverse() else { return };
+        let steps = inverse * right;
+        let slant = self.direction[1 - self.along] / self.normal[1 - self.along];
+        let sigma_px2 = self.look.sigma_px.powi(2);
+        for edgel in edgels {
+            edgel.offset_px -= slant * sigma_px2 * steps.y / (steps.x + steps.y * edgel.along_px);
+        }
+        let middle = steps.x + steps.y * (MARGIN * self.look.sigma_px + 0.5 * f64::from(STATIONS));
+        followed.look.growth_per_px = steps.y / middle;
     }
 }
