@@ -130,12 +130,15 @@ impl AprilTagEdges {
             line.origin + share * self.length_px * direction
         };
         // Which side is brighter is what most of the edge says.
-        let difference: f64 =
-            (0..samples).flat_map(|sample| self.steps(luma, point(sample), normal)).map(|s| s[1]).sum();
+        let difference: f64 = (0..samples)
+            .flat_map(|sample| self.steps(luma, point(sample), normal))
+            .map(|s| s[1])
+            .sum();
         let mut moments = (0.0, Vector2::zeros(), Matrix2::zeros());
         for sample in 0..samples {
             let (mut sum, mut weights) = (0.0, 0.0);
-            let own = self.steps(luma, point(sample), normal).filter(|[_, step]| step * difference > 0.0);
+            let own =
+                self.steps(luma, point(sample), normal).filter(|[_, step]| step * difference > 0.0);
             for [far_px, step] in own {
                 sum += step * step * far_px;
                 weights += step * step;

@@ -1,4 +1,52 @@
-//! HEADER
+//! Lines through a corner's edges, as far as these are seen, intersected: long edges tell more than any window.
+//!
+//! ```text
+//! # Method      Starts are where edges that cross circles about the seed in a line meet (4.5, 6.5, 8.5 and
+//!               10.5 px), the nearest and strongest first. Along each of their two or three rays, from 3 blurs
+//!               outwards, the edge is located at stations: the columns of pixels that the ray crosses, or the rows
+//!               where it is steep. A pixel belongs to one station of a ray and none is interpolated; those nearer
+//!               than 3 blurs to another ray, or to the vertex, are left out. A ray ends after 3 px without an edge
+//!               of its step and in its line. Channels are projected to the one number that steps by 1 across the
+//!               edge with least noise: weights are steps over variances.
+//!               erf           B + A Phi((d - d0) / sigma) + C d + K k by least squares, k the blurred |d|; K and
+//!                             sigma are one for the ray (erf_profile.rs)
+//!               devernay      the top of a parabola through gradients of a Gaussian of about 0.9 px (devernay.rs)
+//!               partial_area  three columns' sums and levels, columns as long as the blur wants (partial_area.rs)
+//!               Of a ray's stations, weighted by their variances, the line with Huber's weights beyond two
+//!               deviations. v = N^-1 sum n (n . q) / s^2, N = sum n n^T / s^2, s the deviation of each line
+//!               at v. Rounds about the lines of the one before, the first with devernay and to 16 px, each that
+//!               follows twice as far, until v rests. Where a start's edges are not there, or meet too far off, the
+//!               next one is tried.
+//! # Input       all channels that differ, decoded to linear light, with the exposure's noise model.
+//! # Parameters  operator        erf | devernay | partial_area, erf
+//!               max_length_px   px, 40    range [8, 400]: how far edges are followed
+//!               flank_px        px, 3     range [1, 10]: what erf fits of the even light beside the blur's 3 sigma
+//!               max_shift_px    px, 6     range [0.5, 20]: how far from its seed a corner may be
+//!               max_iterations  none, 10  range [2, 100]: rounds
+//!               epsilon_px      px, 1e-3  range [0, 1]: done when a step is no longer than this
+//! # Output      position, covariance, iterations (of all starts), status. The covariance is that of the lines'
+//!               offsets and directions by the noise of their pixels, with kink and blur unknown; of a line that
+//!               leaves surely more than noise (4 deviations of chi^2) as much larger, and so where three lines
+//!               meet in no point. diverged: farther off than max_shift_px; singular: no two edges meet near the seed,
+//!               or the two are one straight edge to within three standard deviations; false_corner: two of three
+//!               rays are, an edge that ends at another; not_applicable: two straight edges cross. Elsewhere the
+//!               seed's own position.
+//! # Border      a ray ends at the image's; saturated pixels are left out; a seed outside the image, and a corner
+//!               of which a ray leaves it too early, is out_of_bounds.
+//! # Cost        O(rays rounds max_length (3 sigma + flank)).
+//! # Departures  Sources locate edges in the whole image, at each pixel of large gradient; here across a line that is
+//!               known. Devernay's magnitudes are those along a column. Trujillo-Pino's columns have five pixels, and
+//!               a term for curvature; here more where blur is, and none. A ramp that differs on both sides of
+//!               the edge is known to erf alone, as is the blur: devernay's displacement with the phase of the pixels,
+//!               0.02 px of the corner, and that of partial_area, are not in their covariances, which are too small
+//!               by so much. Edges are taken for straight: of a lens that bends them undistort first, or give a
+//!               smaller max_length_px.
+//! # Source      Devernay, INRIA RR-2724, 1995; Grompone von Gioi & Randall, A sub-pixel edge detector, IPOL 2017;
+//!               Trujillo-Pino, Krissian, Aleman-Flores & Santana-Cedres, Image Vis. Comput. 2013; Huber, Ann.
+//!               Math. Stat. 1964. Kink, blur and the step's growth are our own.
+//! # Checked by  tests/it/contract.rs (all), tests/it/edges.rs
+//! ```
+
 mod devernay;
 mod erf_profile;
 mod line;
@@ -186,7 +234,8 @@ impl Work<'_> {
                 kept += 1;
             }
             if kept < 2 {
-                let status = if left_image { RefineStatus::OutOfBounds } else { RefineStatus::Singular };
+                let status =
+                    if left_image { RefineStatus::OutOfBounds } else { RefineStatus::Singular };
                 return Err(status);
             }
             count = kept;

@@ -110,7 +110,11 @@ pub fn corner(lines: &[Line], least_rad: f64) -> Result<(), RefineStatus> {
             let deviation = (a.covariance[(1, 1)] + b.covariance[(1, 1)]).sqrt();
             if (turn - std::f64::consts::PI).abs() < least_rad.max(3.0 * deviation) {
                 let is_edge = lines.len() == 2;
-                return Err(if is_edge { RefineStatus::Singular } else { RefineStatus::FalseCorner });
+                return Err(if is_edge {
+                    RefineStatus::Singular
+                } else {
+                    RefineStatus::FalseCorner
+                });
             }
         }
     }

@@ -43,8 +43,8 @@ pub(super) fn locate(ray: &Ray, column: &Column, off_px: f64) -> Option<Found> {
         .map(|pixel| {
             let [of_before, of_top, of_after] =
                 [tap(pixel), tap(pixel.wrapping_sub(1)), tap(pixel.wrapping_sub(2))];
-            let change = 0.5 * (of_before - of_after)
-                - shift * (of_before - 2.0 * of_top + of_after);
+            let change =
+                0.5 * (of_before - of_after) - shift * (of_before - 2.0 * of_top + of_after);
             (change / bend).powi(2)
         })
         .sum();
@@ -52,9 +52,8 @@ pub(super) fn locate(ray: &Ray, column: &Column, off_px: f64) -> Option<Found> {
     let curvature = 2.0 * most.ln() - before.ln() - after.ln();
     let width_px2 = (1.0 / curvature).max(KERNEL_PX2);
     let blur_px = (across_px * across_px * (width_px2 - KERNEL_PX2)).sqrt();
-    let peak = (std::f64::consts::TAU
-        * ((ray.look.sigma_px / across_px).powi(2) + KERNEL_PX2))
-        .sqrt();
+    let peak =
+        (std::f64::consts::TAU * ((ray.look.sigma_px / across_px).powi(2) + KERNEL_PX2)).sqrt();
     let energy: f64 = KERNEL.iter().map(|tap| tap * tap).sum();
     Some(Found {
         offset_px: column.distances_px[top] + across_px * shift,

@@ -75,12 +75,7 @@ pub(super) fn locate(ray: &Ray, column: &Column, usual: f64) -> Option<Found> {
     let excess = if left > 1.0 + 5.0 * (2.0 / degrees).sqrt() { left } else { 1.0 };
     let per_px = usual / sigma_px;
     // The kink as it is, the widening as a share of the blur: phi t is what narrows the step.
-    let l = Matrix2::new(
-        normal[KINK][KINK],
-        0.0,
-        normal[WIDENED][KINK],
-        normal[WIDENED][WIDENED],
-    );
+    let l = Matrix2::new(normal[KINK][KINK], 0.0, normal[WIDENED][KINK], normal[WIDENED][WIDENED]);
     let units = Matrix2::new(1.0, 0.0, 0.0, -usual);
     let moves = Vector2::new(normal[KINK][MOVED], normal[WIDENED][MOVED]);
     let shape = Shape {

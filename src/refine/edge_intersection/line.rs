@@ -58,8 +58,7 @@ pub(super) fn through(
     Some(Line {
         origin: about.origin + line.x * about.normal(),
         angle_rad: about.angle_rad + line.y.atan(),
-        covariance: excess * followed.kept * inverse
-            + shaped * followed.shape * shaped.transpose(),
+        covariance: excess * followed.kept * inverse + shaped * followed.shape * shaped.transpose(),
     })
     .filter(|line| line.angle_rad.is_finite() && line.origin.iter().all(|place| place.is_finite()))
 }

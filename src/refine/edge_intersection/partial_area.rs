@@ -7,11 +7,13 @@
 
 use super::ray::{Column, Found, Ray, Shape};
 
-/// Half a column, without its middle: 2 in the source, for edges without blur; with it the tails need more.
+/// Half a column, without its middle: 2 in the source, for edges without blur; with it pixels of the levels must be
+/// out of its tails, the nearest too.
 fn half(ray: &Ray) -> usize {
-    const TAIL: f64 = 2.5;
+    const TAILS: f64 = 2.25;
+    let blur = ray.look.sigma_px / ray.across_px().abs();
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a few")]
-    let half = (0.25 + TAIL * ray.look.sigma_px / ray.across_px().abs()).round() as usize;
+    let half = (1.5 - ray.slope().abs() + TAILS * blur).ceil() as usize;
     half.clamp(2, 12)
 }
 

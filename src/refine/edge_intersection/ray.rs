@@ -171,7 +171,8 @@ impl<'a> Ray<'a> {
         let exposure = self.light.exposure;
         let (width, height) = (exposure.width().cast_signed(), exposure.height().cast_signed());
         let is_inside = (0..width).contains(&x) && (0..height).contains(&y);
-        (is_inside && !exposure.saturated().at(x.cast_unsigned(), y.cast_unsigned())).then_some([x, y])
+        (is_inside && !exposure.saturated().at(x.cast_unsigned(), y.cast_unsigned()))
+            .then_some([x, y])
     }
 
     /// The projected light of a pixel beside the ray; `None` where it is not to be used.
@@ -204,7 +205,7 @@ impl<'a> Ray<'a> {
 
     /// The weights of channels by which the step is 1 and largest over the noise: steps over variances.
     fn project(&mut self) {
-                let mut sums = [[0.0; 3]; 2];
+        let mut sums = [[0.0; 3]; 2];
         let mut counts = [0.0; 2];
         for station in 0..STATIONS {
             let along_px = MARGIN * self.look.sigma_px + 0.5 + f64::from(station);
@@ -290,7 +291,8 @@ impl<'a> Ray<'a> {
         const MOST_CHANGE: f64 = 2.5;
         const LEAST_STEP: f64 = 0.25;
         edgels.clear();
-        let mut followed = Followed { look: self.look, kept: 1.0, shape: Matrix2::zeros(), left_image: false };
+        let mut followed =
+            Followed { look: self.look, kept: 1.0, shape: Matrix2::zeros(), left_image: false };
         if operator == Operator::PartialArea {
             followed.kept = partial_area::kept(self);
         }
