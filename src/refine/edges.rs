@@ -70,6 +70,13 @@ pub struct Meeting {
 /// N = sum n n^T / s^2 is the inverse of its covariance. `None` where the lines are parallel.
 pub fn meet(lines: &[Line]) -> Option<Meeting> {
     const SURELY: f64 = 9.0;
+    const LEAST_SINE: f64 = 0.03;
+    // Of two lines the determinant is the squared sine of the angle between them.
+    let across: Matrix2<f64> =
+        lines.iter().map(|line| line.normal() * line.normal().transpose()).sum();
+    if across.determinant() < LEAST_SINE * LEAST_SINE {
+        return None;
+    }
     let mut meeting: Option<Meeting> = None;
     // Variances are those at the meeting: that it must be near is not known the first time.
     for _ in 0..2 {
@@ -83,11 +90,6 @@ pub fn meet(lines: &[Line]) -> Option<Meeting> {
             normal += weight * across * across.transpose();
             right += weight * far_px * across;
             squares += weight * far_px * far_px;
-        }
-        let half_trace = 0.5 * normal.trace();
-        // Of two lines of one weight the ratio is the squared sine of the angle between them.
-        if normal.determinant() < 1e-4 * half_trace * half_trace {
-            return None;
         }
         let inverse = normal.try_inverse()?;
         let point = inverse * right;
