@@ -8,8 +8,11 @@ use crate::registry::Entry;
 use crate::sensor::Exposure;
 
 pub mod annular_orthogonality;
+pub mod apriltag_edges;
 pub mod corner_sub_pix;
 pub mod cuboid_fit;
+pub mod edge_intersection;
+mod edges;
 pub mod foerstner;
 mod gradients;
 pub mod junction_fit;
@@ -95,8 +98,10 @@ pub trait Refiner: Send + Sync {
 /// Every refiner that a plan can name, in alphabetical order.
 pub const REFINERS: &[Entry<dyn Refiner>] = &[
     annular_orthogonality::ENTRY,
+    apriltag_edges::ENTRY,
     corner_sub_pix::ENTRY,
     cuboid_fit::ENTRY,
+    edge_intersection::ENTRY,
     foerstner::ENTRY,
     junction_fit::ENTRY,
     none::ENTRY,

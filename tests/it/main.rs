@@ -8,6 +8,7 @@ mod dataset;
 mod detectors;
 mod docs;
 mod drawn;
+mod edges;
 mod export;
 mod grasp;
 mod junctions;
