@@ -131,7 +131,11 @@ impl CuboidFit {
         let mut work = Work::new(&refiner, light.exposure);
         let mut strongest: Vec<&Detection> =
             seeds.iter().filter(|seed| light.is_inside(seed.point)).collect();
-        strongest.sort_by(|a, b| b.response.total_cmp(&a.response));
+        // Whatever the order in which they are given.
+        strongest.sort_by(|a, b| {
+            let rows = a.point.y.total_cmp(&b.point.y);
+            b.response.total_cmp(&a.response).then(rows).then(a.point.x.total_cmp(&b.point.x))
+        });
         let mut found: Vec<Rays> = Vec::new();
         let mut tried: Vec<ImagePoint> = Vec::new();
         for seed in strongest {

@@ -9,6 +9,7 @@ use cornerbench::refine::{Corner, REFINERS};
 use cornerbench::registry::Entry;
 use cornerbench::sensor::{Encoding, Exposure};
 use cornerbench::target::{EXTRACTORS, TargetExtractor, TargetRegion};
+use nalgebra::Matrix2;
 use toml::Table;
 
 use crate::drawn::{colour, coverage, grey, seed, texture};
@@ -325,30 +326,92 @@ fn detectors_answer_on_degenerate_images_and_regions() {
 
 // ---- Refiners ---------------------------------------------------------------------------------
 
-/// Whether the answers agree: the same status and, to 1e-3 px, the same position.
+/// Whether the answers agree: the same status and, to 1e-3 px, the same position; to a fiftieth of its size the same
+/// covariance.
 fn same_corner(found: &Corner, expected: &Corner) -> bool {
-    found.status == expected.status && found.position.distance_px(expected.position) < 1e-3
+    let same_covariance = match (found.covariance_px2, expected.covariance_px2) {
+        (Some(found), Some(expected)) => (found - expected).norm() < 0.02 * expected.norm(),
+        (found, expected) => found == expected,
+    };
+    found.status == expected.status
+        && found.position.distance_px(expected.position) < 1e-3
+        && same_covariance
 }
+
+/// Refiners that answer none of the drawn corners: one knows X corners alone, one wants a whole cuboid.
+const ELSEWHERE: [&str; 2] = ["cuboid_fit", "saddle_polynomial"];
 
 #[test]
 fn refiners_are_deterministic_and_follow_a_shift_and_a_turn() {
     for (name, refiner) in built(REFINERS) {
         let original = refiner.refine(&scene(0, 0), &vertex_seeds());
         assert_eq!(refiner.refine(&scene(0, 0), &vertex_seeds()), original, "{name}");
-        assert!(original.iter().filter(|corner| corner.status.answered()).count() >= 3, "{name}");
+        let answered = original.iter().filter(|corner| corner.status.answered()).count();
+        assert!(answered >= 3 || ELSEWHERE.contains(&name), "{name}: {original:?}");
 
-        let follows = |exposure: &Exposure, along: &dyn Fn(ImagePoint) -> ImagePoint| {
+        let turn = Matrix2::new(0.0, -1.0, 1.0, 0.0);
+        let follows = |exposure: &Exposure, is_turned, along: &dyn Fn(ImagePoint) -> ImagePoint| {
             let seeds: Vec<Detection> = vertex_seeds()
                 .iter()
                 .map(|seed| Detection { point: along(seed.point), ..*seed })
                 .collect();
             for (found, before) in refiner.refine(exposure, &seeds).iter().zip(&original) {
-                let expected = Corner { position: along(before.position), ..*before };
+                let turned = |covariance| {
+                    if is_turned { turn * covariance * turn.transpose() } else { covariance }
+                };
+                let expected = Corner {
+                    position: along(before.position),
+                    covariance_px2: before.covariance_px2.map(turned),
+                    ..*before
+                };
                 assert!(same_corner(found, &expected), "{name}: {found:?} {expected:?}");
             }
         };
-        follows(&scene(17, 9), &|point| moved(point, 17.0, 9.0));
-        follows(&turned(&scene(0, 0)), &|point| turned_point(point, &scene(0, 0)));
+        follows(&scene(17, 9), false, &|point| moved(point, 17.0, 9.0));
+        follows(&turned(&scene(0, 0)), true, &|point| turned_point(point, &scene(0, 0)));
+    }
+}
+
+#[test]
+fn no_refiner_but_none_locates_a_corner_where_there_is_none() {
+    let step = |far: f64| 40.0 + 170.0 * (0.5 + 0.5 * (1.6 * far).tanh());
+    let images = [
+        ("flat", Plane::filled(64, 64, 120.0)),
+        ("ramp", Plane::from_fn(64, 64, |x, y| (2.0 * x as f32 + y as f32).round())),
+        ("edge", Plane::from_fn(64, 64, |x, _| step(x as f64 - 31.3).round() as f32)),
+        (
+            "edge aslant",
+            Plane::from_fn(64, 64, |x, y| {
+                step(0.8 * (x as f64 - 31.3) + 0.6 * (y as f64 - 30.2)).round() as f32
+            }),
+        ),
+    ];
+    for (name, refiner) in built(REFINERS).filter(|(name, _)| *name != "none") {
+        for (what, image) in &images {
+            let seeds = [seed(31.0, 30.0), seed(32.4, 31.7), seed(29.0, 33.0)];
+            for corner in refiner.refine(&grey(image.clone()), &seeds) {
+                assert!(!corner.status.answered(), "{name}, {what}: {corner:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn refiners_allocate_nothing_for_one_corner_more() {
+    for (name, refiner) in built(REFINERS) {
+        if name == "cuboid_fit" {
+            continue; // it makes one cuboid of all corners
+        }
+        let exposure = scene(0, 0);
+        exposure.luma();
+        let of = |count: usize| {
+            let seeds: Vec<Detection> =
+                vertex_seeds().into_iter().cycle().take(5 * count).collect();
+            refiner.refine(&exposure, &seeds);
+            allocation_counter::measure(|| drop(refiner.refine(&exposure, &seeds))).count_total
+        };
+        let (few, many) = (of(2), of(8));
+        assert!(many <= few + 3, "{name}: {few} for 10 corners, {many} for 40");
     }
 }
 
@@ -372,6 +435,10 @@ fn refiners_answer_each_seed_with_a_finite_position_or_decline_it() {
             for (corner, seed) in corners.iter().zip(&seeds) {
                 assert_eq!(bits(corner.seed.point), bits(seed.point), "{name}");
                 let Corner { position, status, .. } = corner;
+                if let Some(covariance) = corner.covariance_px2 {
+                    let is_one = covariance.determinant() >= 0.0 && covariance.trace() > 0.0;
+                    assert!(status.answered() && is_one, "{name}: {corner:?}");
+                }
                 if status.answered() {
                     assert!(position.x.is_finite() && position.y.is_finite(), "{name}: {corner:?}");
                 } else {

@@ -138,7 +138,7 @@ fn the_covariance_is_that_of_the_errors() {
     let nees = score.nees.expect("a covariance");
     assert!((1.5..2.7).contains(&nees), "{nees}");
     // More is seen of an edge than the bound's disc of 10 px holds.
-    assert!(score.rmse_px < row.bound_with_ramps_px, "{row:?}");
+    assert!(score.rmse_px.expect("answers") < row.bound_with_ramps_px, "{row:?}");
 }
 
 #[test]
