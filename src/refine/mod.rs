@@ -12,6 +12,9 @@ pub mod corner_sub_pix;
 pub mod junction_fit;
 mod light;
 pub mod none;
+mod response;
+pub mod response_centroid;
+pub mod response_parabola;
 mod starts;
 
 /// What became of one candidate.
@@ -89,5 +92,11 @@ pub trait Refiner: Send + Sync {
 }
 
 /// Every refiner that a plan can name, in alphabetical order.
-pub const REFINERS: &[Entry<dyn Refiner>] =
-    &[annular_orthogonality::ENTRY, corner_sub_pix::ENTRY, junction_fit::ENTRY, none::ENTRY];
+pub const REFINERS: &[Entry<dyn Refiner>] = &[
+    annular_orthogonality::ENTRY,
+    corner_sub_pix::ENTRY,
+    junction_fit::ENTRY,
+    none::ENTRY,
+    response_centroid::ENTRY,
+    response_parabola::ENTRY,
+];
