@@ -11,10 +11,12 @@ pub mod annular_orthogonality;
 pub mod corner_sub_pix;
 pub mod junction_fit;
 mod light;
+mod luminance;
 pub mod none;
 mod response;
 pub mod response_centroid;
 pub mod response_parabola;
+pub mod saddle_polynomial;
 mod starts;
 
 /// What became of one candidate.
@@ -99,4 +101,5 @@ pub const REFINERS: &[Entry<dyn Refiner>] = &[
     none::ENTRY,
     response_centroid::ENTRY,
     response_parabola::ENTRY,
+    saddle_polynomial::ENTRY,
 ];
