@@ -18,6 +18,7 @@ pub mod response_centroid;
 pub mod response_parabola;
 pub mod saddle_polynomial;
 mod starts;
+pub mod template_ecc;
 
 /// What became of one candidate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -102,4 +103,5 @@ pub const REFINERS: &[Entry<dyn Refiner>] = &[
     response_centroid::ENTRY,
     response_parabola::ENTRY,
     saddle_polynomial::ENTRY,
+    template_ecc::ENTRY,
 ];
