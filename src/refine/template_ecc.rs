@@ -22,7 +22,8 @@
 //!               normal equations with gain and offset unknown, by the camera's noise or by what is left where
 //!               that is more. singular: no two edges meet near the seed, or the two are one straight edge
 //!               to 0.1 rad; false_corner: two of three rays are; not_applicable: two straight edges cross, or
-//!               the correlation is below 0.8; diverged: the warp left max_shift_px or twice the size.
+//!               the correlation is below 0.95; diverged: the warp left max_shift_px or twice the size, or the blur
+//!               grew beyond 0.35 R.
 //!               Elsewhere the seed's own position.
 //! # Border      out_of_bounds where the warped template or the seed is not in the image.
 //! # Cost        O(R^2) for each iteration, 16 samples for each place.
@@ -110,13 +111,15 @@ impl Default for TemplateEcc {
 }
 
 /// Below this correlation what is there is not what was drawn.
-const LEAST_CORRELATION: f64 = 0.8;
+const LEAST_CORRELATION: f64 = 0.95;
 /// From this correlation on no other start is tried.
 const SURE_CORRELATION: f64 = 0.99;
 /// Two rays are one straight edge to within this \[rad\].
 const STRAIGHT_RAD: f64 = 0.1;
 /// The blur at most, as a share of the template's radius.
-const MOST_BLUR: f64 = 0.5;
+const MOST_BLUR: f64 = 0.35;
+/// How much a step may change the warp's matrix.
+const MOST_CHANGE: f64 = 0.3;
 /// How much the warp may enlarge the template.
 const MOST_SCALE: f64 = 2.0;
 /// How often a junction is drawn and registered at most.
@@ -255,7 +258,7 @@ impl Work<'_> {
             }
             let samples = &self.luminance.samples;
             let step = self.template.step(samples, &warp, &self.samples);
-            let step = step.ok_or(RefineStatus::Diverged)?;
+            let step = step.ok_or(RefineStatus::Diverged)?.no_larger_than(MOST_CHANGE);
             let moved_px = step.translation.norm() + radius_px * step.matrix.norm();
             let is_done = moved_px <= epsilon_px;
             let scale = warp.scale();

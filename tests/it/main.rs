@@ -15,6 +15,7 @@ mod limits;
 mod lines;
 mod opencv;
 mod oracle;
+mod peaks;
 mod python;
 mod range_sensors;
 mod refiners;

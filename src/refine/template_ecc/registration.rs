@@ -80,6 +80,14 @@ pub(super) struct Step {
     gain: f64,
 }
 
+impl Step {
+    /// A step in the same direction, its matrix no larger than this.
+    pub(super) fn no_larger_than(self, most: f64) -> Self {
+        let share = (most / self.matrix.norm()).min(1.0);
+        Self { translation: share * self.translation, matrix: share * self.matrix, ..self }
+    }
+}
+
 impl Template {
     /// Draws the rays, their vertex in the middle of the places; `None` where the picture does not
     /// determine the warp.
