@@ -10,19 +10,19 @@
 //! # Input       the channel as encoded [DN]; gain and offset cancel.
 //! # Parameters  radius_px       px, 2     range [1, 10]
 //!               floor           none, 0.1 range [0, 1): of R_0; less has no weight
-//!               max_shift_px    px, 3     range [0.5, 20]: how far the largest sample, and the centroid, may be
-//!                                         from the seed
+//!               max_shift_px    px, 3     range [0.5, 20]: how far the largest sample may be from the seed
 //!               max_iterations  none, 20  range [1, 100]
 //!               epsilon_px      px, 1e-3  range [0, 1]: done when a step is no longer than this
 //!               k               none, 0.04 range [0, 0.25): that of Harris's detector
 //!               those of the structure tensor (src/detect/tensor.rs)
 //! # Output      position, iterations, status; no covariance. As the maximum of R it lies within an L's
 //!               wedge, not at its vertex. singular: R is not positive or no more than noise (slopes of both
-//!               directions three times its); diverged: a larger sample or the centroid lies beyond
-//!               max_shift_px; max_iterations: the last position. Elsewhere the seed's own.
-//! # Border      the image continues as `border` says; out_of_bounds where the square about the largest sample,
-//!               and a sample around it, is not in it, or the seed.
-//! # Cost        the tensor on (2 (max_shift_px + radius_px + 1) + 1)^2 samples and its support around them;
+//!               directions three times its); diverged: a larger sample lies beyond max_shift_px, or the
+//!               centroid farther from the largest than radius_px; max_iterations: the last position. Elsewhere
+//!               the seed's own.
+//! # Border      the image continues as `border` says; out_of_bounds where one of the samples within
+//!               2 radius_px + 1 of the largest is not in it, or the seed.
+//! # Cost        the tensor on (2 (max_shift_px + 2 radius_px + 1) + 1)^2 samples and its support around them;
 //!               O(radius_px^2) for each iteration.
 //! # Departures  A square that moves by whole samples makes the answer jump; this one moves with the centroid.
 //! # Source      Harris & Stephens, Alvey Vision Conference 1988 (R); the centroid is common property.
@@ -62,7 +62,7 @@ pub struct ResponseCentroid {
     /// Responses below this share of the largest have no weight.
     #[schemars(range(min = 0.0), extend("exclusiveMaximum" = 1.0))]
     pub floor: f64,
-    /// How far from its seed the largest sample and the centroid may be \[px\].
+    /// How far from its seed the largest sample may be \[px\].
     #[schemars(range(min = 0.5, max = 20.0))]
     pub max_shift_px: f64,
     /// Iterations at most.
@@ -98,7 +98,8 @@ impl Refiner for ResponseCentroid {
     fn refine(&self, exposure: &Exposure, seeds: &[Detection]) -> Vec<Corner> {
         let Self { max_shift_px, k, ref tensor, .. } = *self;
         let harris = Harris { k, tensor: tensor.clone(), peaks: Peaks::default() };
-        let margin = (self.radius_px * tensor.oversampling) as usize + 1;
+        // The square may move by its radius.
+        let margin = 2 * (self.radius_px * tensor.oversampling) as usize + 1;
         let mut responses = Responses::new(exposure, &harris, max_shift_px, margin);
         let refined = |seed: &Detection| {
             let mut iterations = 0;
@@ -124,11 +125,12 @@ impl ResponseCentroid {
         let floor = self.floor * responses.around(largest)[1][1];
         let half = f64::from(self.radius_px * self.tensor.oversampling) + 0.5;
         let mut middle = largest.map(|place| place as f64);
+        let start = responses.point(middle);
         for _ in 0..self.max_iterations {
             *iterations += 1;
             let next = centroid(responses, middle, half, floor);
             let [here, there] = [middle, next].map(|place| responses.point(place));
-            if there.distance_px(seed) > self.max_shift_px {
+            if there.distance_px(start) > f64::from(self.radius_px) {
                 return Err(RefineStatus::Diverged);
             }
             middle = next;
