@@ -22,7 +22,7 @@
 //!               normal equations with gain and offset unknown, by the camera's noise or by what is left where
 //!               that is more. singular: no two edges meet near the seed, or the two are one straight edge
 //!               to 0.1 rad; false_corner: two of three rays are; not_applicable: two straight edges cross, or
-//!               the correlation is below 0.95; diverged: the warp left max_shift_px or twice the size, or the blur
+//!               the correlation is below 0.95; diverged: the last registration did not converge, the warp left max_shift_px or twice the size, or the blur
 //!               grew beyond 0.35 R.
 //!               Elsewhere the seed's own position.
 //! # Border      out_of_bounds where the warped template or the seed is not in the image.
@@ -154,7 +154,7 @@ impl Refiner for TemplateEcc {
                     position: found.position,
                     covariance_px2: found.covariance_px2,
                     iterations: work.iterations,
-                    status: found.status,
+                    status: RefineStatus::Ok,
                 },
                 Err(status) => Corner::at_seed(*seed, work.iterations, status),
             }
@@ -167,7 +167,7 @@ impl Refiner for TemplateEcc {
 struct Registered {
     position: ImagePoint,
     covariance_px2: Option<Matrix2<f64>>,
-    status: RefineStatus,
+    converged: bool,
     correlation: f64,
     /// The rays among the samples.
     rays: Rays,
@@ -229,11 +229,12 @@ impl Work<'_> {
         let mut found = self.register(&Rays { vertex, sigma_px, ..*start }, seed)?;
         for _ in 1..MOST_ROUNDS {
             found = self.register(&found.rays, seed)?;
-            if (found.scale - 1.0).abs() < SAME_SCALE && found.status == RefineStatus::Ok {
-                break;
+            if (found.scale - 1.0).abs() < SAME_SCALE && found.converged {
+                return Ok(found);
             }
         }
-        Ok(found)
+        // What still moves depends on where it started.
+        if found.converged { Ok(found) } else { Err(RefineStatus::Diverged) }
     }
 
     /// Draws rays among the samples and registers them.
@@ -250,7 +251,7 @@ impl Work<'_> {
             // Neither holds of what is not a number.
             let is_near = position.distance_px(seed) <= max_shift_px;
             let is_blurred = rays.sigma_px > MOST_BLUR * radius_px;
-            if !is_near || !(reach_px <= MOST_SCALE * radius_px) || is_blurred {
+            if !is_near || reach_px > MOST_SCALE * radius_px || reach_px.is_nan() || is_blurred {
                 return Err(RefineStatus::Diverged);
             }
             if !self.luminance.holds(warp.vertex.into(), reach_px) {
@@ -272,7 +273,7 @@ impl Work<'_> {
                 return Ok(Registered {
                     position,
                     covariance_px2: self.template.covariance_px2(&warp, &step, variance),
-                    status: if is_done { RefineStatus::Ok } else { RefineStatus::MaxIterations },
+                    converged: is_done,
                     correlation: step.correlation,
                     rays: warp.rays(rays),
                     scale,
