@@ -44,7 +44,7 @@ impl Default for Peaks {
 }
 
 /// What is there at every pixel, and whose peaks are corners.
-pub(super) trait Response: Sync {
+pub(crate) trait Response: Sync {
     /// Samples per pixel, in either direction: sample (i, j) lies at pixel (i, j) / oversampling.
     fn oversampling(&self) -> usize {
         1
@@ -96,7 +96,7 @@ impl<D: PeakDetector> Detector for D {
 
 /// Memory that responses need.
 #[derive(Debug, Default)]
-pub(super) struct ResponseMemory {
+pub(crate) struct ResponseMemory {
     pub(super) planes: [Plane<f32>; 3],
     pub(super) row: Vec<f32>,
     pub(super) tensor: TensorBuffers,

@@ -241,7 +241,7 @@ impl StructureTensor {
     }
 
     /// A measure of it as a response.
-    pub(super) fn measured<'a, M: Measure>(&self, measure: &'a M) -> Measured<'a, M> {
+    pub(crate) fn measured<'a, M: Measure>(&self, measure: &'a M) -> Measured<'a, M> {
         let kernels = self.kernels();
         Measured {
             channel: self.channel,
@@ -254,7 +254,7 @@ impl StructureTensor {
 }
 
 /// A measure of the tensor at every sample of an exposure.
-pub(super) struct Measured<'a, M> {
+pub(crate) struct Measured<'a, M> {
     pub(super) channel: Channel,
     pub(super) oversampling: u32,
     /// How near to the image's edges no sample is searched, in samples.

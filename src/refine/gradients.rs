@@ -3,15 +3,12 @@
 use nalgebra::Matrix2;
 use pulp::Simd;
 
-use super::light::Light;
+use super::light::{LUMINANCE, Light};
 use crate::filter::{Border, ImageRows, Kernel};
 use crate::geometry::ImagePoint;
 use crate::image::{PixelRange, Plane};
 use crate::sensor::Exposure;
 use crate::vector::{Lanes, Real};
-
-/// What of each channel's light makes luminance (Rec. 709).
-const LUMINANCE: [f32; 3] = [0.2126, 0.7152, 0.0722];
 
 /// Gaussian derivatives of luminance in a patch, and memory for them: one serves all corners.
 pub(super) struct Gradients<'a> {

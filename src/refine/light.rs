@@ -4,6 +4,9 @@ use crate::geometry::ImagePoint;
 use crate::image::Plane;
 use crate::sensor::{Exposure, LinearLight};
 
+/// What of each channel's light makes luminance (Rec. 709).
+pub const LUMINANCE: [f32; 3] = [0.2126, 0.7152, 0.0722];
+
 /// From samples to linear light, of which 1 is full scale, with its variance.
 pub struct Light<'a> {
     /// What it is the light of.

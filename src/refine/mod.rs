@@ -17,9 +17,15 @@ pub mod foerstner;
 mod gradients;
 pub mod junction_fit;
 mod light;
+mod luminance;
 pub mod none;
 mod orthogonality;
+mod response;
+pub mod response_centroid;
+pub mod response_parabola;
+pub mod saddle_polynomial;
 mod starts;
+pub mod template_ecc;
 
 /// What became of one candidate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -105,4 +111,8 @@ pub const REFINERS: &[Entry<dyn Refiner>] = &[
     foerstner::ENTRY,
     junction_fit::ENTRY,
     none::ENTRY,
+    response_centroid::ENTRY,
+    response_parabola::ENTRY,
+    saddle_polynomial::ENTRY,
+    template_ecc::ENTRY,
 ];
