@@ -116,6 +116,8 @@ const LEAST_CORRELATION: f64 = 0.95;
 const SURE_CORRELATION: f64 = 0.99;
 /// Two rays are one straight edge to within this \[rad\].
 const STRAIGHT_RAD: f64 = 0.1;
+/// The blur at least: about that of the samples' interpolation and of a pixel's area \[px\].
+const LEAST_SIGMA_PX: f64 = 0.5;
 /// The blur at most, as a share of the template's radius.
 const MOST_BLUR: f64 = 0.35;
 /// How much a step may change the warp's matrix.
@@ -263,7 +265,8 @@ impl Work<'_> {
             let moved_px = step.translation.norm() + radius_px * step.matrix.norm();
             let is_done = moved_px <= epsilon_px;
             let scale = warp.scale();
-            let is_other = scale.max(1.0 / scale) > OTHER_SCALE;
+            let may_shrink = rays.sigma_px > LEAST_SIGMA_PX;
+            let is_other = scale > OTHER_SCALE || (may_shrink && scale < 1.0 / OTHER_SCALE);
             if is_done || is_other || iteration == max_iterations {
                 let variance = |value: f64| {
                     #[allow(clippy::cast_possible_truncation, reason = "a share")]
@@ -275,7 +278,7 @@ impl Work<'_> {
                     covariance_px2: self.template.covariance_px2(&warp, &step, variance),
                     converged: is_done,
                     correlation: step.correlation,
-                    rays: warp.rays(rays),
+                    rays: warp.rays(rays, LEAST_SIGMA_PX),
                     scale,
                 });
             }

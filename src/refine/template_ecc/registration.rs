@@ -33,11 +33,11 @@ impl Warp {
         self.matrix.determinant().abs().sqrt()
     }
 
-    /// Rays of the template among the samples; their blur as large as the warp makes it.
-    pub(super) fn rays(&self, template: &Rays) -> Rays {
+    /// Rays of the template among the samples; their blur as large as the warp makes it, or the least.
+    pub(super) fn rays(&self, template: &Rays, least_sigma_px: f64) -> Rays {
         let mut rays = *template;
         rays.vertex = self.vertex.into();
-        rays.sigma_px *= self.scale();
+        rays.sigma_px = (rays.sigma_px * self.scale()).max(least_sigma_px);
         for angle in &mut rays.angles_rad[..rays.count] {
             let (sine, cosine) = angle.sin_cos();
             let direction = self.matrix * Vector2::new(cosine, sine);
