@@ -122,12 +122,12 @@ fn lengths(trihedron: &Cuboid, junctions: &[Rays], camera: &Camera) -> [Vec<Opti
         }
     };
     let Cuboid { axes, first, .. } = trihedron;
-    for axis in 0..3 {
+    for (axis, direction) in axes.iter().enumerate() {
         for rays in junctions {
             // Where the junction's line of sight comes nearest to the edge.
             let sight = camera.ray(rays.vertex.into());
-            let normal = sight.cross(&axes[axis]).cross(&sight);
-            let length = -normal.dot(first) / normal.dot(&axes[axis]);
+            let normal = sight.cross(direction).cross(&sight);
+            let length = -normal.dot(first) / normal.dot(direction);
             let cuboid = with(trihedron, &[(axis, length)]);
             if fits(&cuboid, 1 << axis, rays, camera) {
                 add(axis, length);
