@@ -116,7 +116,8 @@ fn compare() {
         let said: Said = serde_json::from_slice(&output.stdout).expect("JSON");
         version = said.version;
         for (half_window_px, theirs) in said.windows {
-            let refiner = CornerSubPix { half_window_px, ..CornerSubPix::default() };
+            let refiner =
+                CornerSubPix { half_window_px, least_roundness: 0.0, ..CornerSubPix::default() };
             let mut corners = refiner.refine(&exposure, &detections);
             let ours = one.install(|| {
                 Times::of(REPEATS, || corners = refiner.refine(&exposure, &detections))

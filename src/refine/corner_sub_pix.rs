@@ -14,6 +14,7 @@
 //!               zero_zone_px    px, -1    range [-1, w-1]: z >= 0 leaves (2z+1)^2 pixels out
 //!               max_iterations  none, 40  range [1, 100]
 //!               epsilon_px      px, 1e-3  range [0, inf): done when a step is no longer than this
+//!               least_roundness none, 0.03  range [0, 1): of N, 4 det N / (tr N)^2, at the answer; 0 is OpenCV
 //! # Output      position, iterations, status; no covariance.
 //! # Border      the window continues outwards with border pixels; the image has at least 2w+5 rows
 //!               and columns; seeds and steps stay in [0, width) x [0, height).
@@ -22,7 +23,9 @@
 //!               position of a declined seed is the seed's: reverted (its answer lies further than
 //!               w from the seed; OpenCV returns the seed), out_of_bounds (a step leaves the image)
 //!               and singular (both after the first iteration: OpenCV returns the last position
-//!               inside). Where it throws for the whole batch, a seed is out_of_bounds: outside the
+//!               inside). On a straight edge aslant OpenCV answers somewhere along it: its equations are
+//!               singular but for the pixels' grid; where N is not round, that is singular here.
+//!               Where it throws for the whole batch, a seed is out_of_bounds: outside the
 //!               image, or an image under 2w+5. Windows across the border differ by rounding, and
 //!               past the image's top right corner by more: there OpenCV 5.0.0 does not continue
 //!               the border pixels.
@@ -52,7 +55,7 @@ pub const ENTRY: Entry<dyn Refiner> = Entry {
     name: "corner_sub_pix",
     summary: "gradient orthogonality, as OpenCV's cornerSubPix",
     reference: "Foerstner & Guelch 1987; OpenCV 5.0.0 cornerSubPix",
-    version: 2,
+    version: 3,
     defaults: defaults::<CornerSubPix>,
     schema: schema::<CornerSubPix>,
     build: |place, table| {
@@ -79,11 +82,20 @@ pub struct CornerSubPix {
     /// The step that ends the iteration \[px\].
     #[schemars(range(min = 0.0))]
     pub epsilon_px: f64,
+    /// Answers from gradients of next to one direction are declined: 4 det N / (tr N)^2 below this.
+    #[schemars(range(min = 0.0), extend("exclusiveMaximum" = 1.0))]
+    pub least_roundness: f64,
 }
 
 impl Default for CornerSubPix {
     fn default() -> Self {
-        Self { half_window_px: 5, zero_zone_px: -1, max_iterations: 40, epsilon_px: 1e-3 }
+        Self {
+            half_window_px: 5,
+            zero_zone_px: -1,
+            max_iterations: 40,
+            epsilon_px: 1e-3,
+            least_roundness: 0.03,
+        }
     }
 }
 
@@ -137,8 +149,8 @@ impl CornerSubPix {
         }
         let mut position = start;
         let mut iterations = 0;
-        let status = loop {
-            let Some([dx, dy]) = window.step(simd, plane, position) else {
+        let (status, roundness) = loop {
+            let Some(Step { by: [dx, dy], roundness }) = window.step(simd, plane, position) else {
                 return Corner::at_seed(*seed, iterations, RefineStatus::Singular);
             };
             #[allow(clippy::cast_possible_truncation, reason = "OpenCV keeps positions in f32")]
@@ -152,15 +164,18 @@ impl CornerSubPix {
             if f64::from(moved[0] * moved[0] + moved[1] * moved[1])
                 <= self.epsilon_px * self.epsilon_px
             {
-                break RefineStatus::Ok;
+                break (RefineStatus::Ok, roundness);
             }
             if iterations == self.max_iterations {
-                break RefineStatus::MaxIterations;
+                break (RefineStatus::MaxIterations, roundness);
             }
         };
         let reach = f32::from(self.half_window_px);
         if (position[0] - start[0]).abs() > reach || (position[1] - start[1]).abs() > reach {
             return Corner::at_seed(*seed, iterations, RefineStatus::Reverted);
+        }
+        if roundness < self.least_roundness {
+            return Corner::at_seed(*seed, iterations, RefineStatus::Singular);
         }
         Corner {
             seed: *seed,
@@ -181,6 +196,15 @@ fn contains(plane: &Plane<f32>, [x, y]: [f32; 2]) -> bool {
 
 /// No vector holds more samples.
 const MOST_LANES: usize = 16;
+
+/// A step of the iteration.
+#[derive(Clone, Copy, Debug)]
+struct Step {
+    /// \[px\]
+    by: [f64; 2],
+    /// Of N.
+    roundness: f64,
+}
 
 /// The window's weights, and room for what reaches beyond the image; one serves all seeds.
 struct Window {
@@ -220,12 +244,7 @@ impl Window {
     /// The step from `centre` to the point that solves the normal equations of the window about it;
     /// `None` where they are singular.
     #[inline(always)]
-    fn step<S: Widen>(
-        &mut self,
-        simd: S,
-        plane: &Plane<f32>,
-        centre: [f32; 2],
-    ) -> Option<[f64; 2]> {
+    fn step<S: Widen>(&mut self, simd: S, plane: &Plane<f32>, centre: [f32; 2]) -> Option<Step> {
         let reach = (self.half + 1) as f32;
         let corner = [centre[0] - reach, centre[1] - reach];
         let whole = [corner[0].floor(), corner[1].floor()];
@@ -253,7 +272,10 @@ impl Window {
             return None;
         }
         let scale = 1.0 / determinant;
-        Some([c * scale * u - b * scale * v, a * scale * v - b * scale * u])
+        Some(Step {
+            by: [c * scale * u - b * scale * v, a * scale * v - b * scale * u],
+            roundness: 4.0 * determinant / ((a + c) * (a + c)),
+        })
     }
 
     /// Takes the pixels from (x0, y0) on, the border's continued outwards.
@@ -398,14 +420,14 @@ mod tests {
     }
 
     /// A step of the machine's vectors.
-    struct Step<'a>(&'a mut Window, &'a Plane<f32>, [f32; 2]);
+    struct StepOf<'a>(&'a mut Window, &'a Plane<f32>, [f32; 2]);
 
-    impl WithWiden for Step<'_> {
+    impl WithWiden for StepOf<'_> {
         type Output = Option<[f64; 2]>;
 
         #[inline(always)]
         fn with_simd<S: Widen>(self, simd: S) -> Option<[f64; 2]> {
-            self.0.step(simd, self.1, self.2)
+            self.0.step(simd, self.1, self.2).map(|step| step.by)
         }
     }
 
@@ -454,7 +476,7 @@ mod tests {
                     [12.4, 51.7],
                     [60.3 - f32::from(half_window_px), 51.5 - f32::from(half_window_px)],
                 ] {
-                    let found = dispatch_widening(Step(&mut window, &plane, place));
+                    let found = dispatch_widening(StepOf(&mut window, &plane, place));
                     let found = found.expect("two directions");
                     let wanted = plain_step(&refiner, &plane, place);
                     let off = (found[0] - wanted[0]).hypot(found[1] - wanted[1]);

@@ -3,6 +3,7 @@
 mod curves;
 pub mod detection;
 mod figures;
+pub mod refinement;
 pub mod summary;
 mod svg;
 pub mod terminal;
@@ -81,6 +82,7 @@ pub fn write(folder: &Path) -> Result<(Summary, PathBuf)> {
         "run": run,
         "summary": summary,
         "comparison": words::comparison(&summary),
+        "refinement": words::refinement(&summary),
         "strata": words::strata(&summary),
         "causes": words::causes(&summary),
         "findings": summary.methods.iter().map(words::findings).collect::<Vec<_>>(),

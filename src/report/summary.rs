@@ -4,6 +4,7 @@ use serde::Serialize;
 
 use crate::record::{Record, kind, status};
 use crate::report::detection::{self, DetectionSummary};
+use crate::report::refinement::{self, RefinementSummary};
 use crate::stats;
 
 /// What a run's records say; RUN/summary.json.
@@ -37,6 +38,8 @@ pub struct MethodSummary {
     pub corners: CornerSummary,
     /// Over all scenes: corners against the rest.
     pub detection: DetectionSummary,
+    /// Over all scenes: what the refiner made of the corners that were found.
+    pub refinement: RefinementSummary,
     /// Over all scenes; none of a pipeline that ends with corners.
     pub grasps: Option<GraspSummary>,
     /// Scene by scene.
@@ -169,6 +172,7 @@ fn summarise_method(method: &str, records: &[&Record]) -> MethodSummary {
         refiner: records.first().map(|r| r.refiner.clone()).unwrap_or_default(),
         corners: corners(records),
         detection: detection::summarise(records),
+        refinement: refinement::summarise(records),
         grasps: records.iter().any(|r| r.kind == kind::GRASP).then(|| grasps(records)),
         scenes,
     }
@@ -195,18 +199,20 @@ fn corners(records: &[&Record]) -> CornerSummary {
         ignored: count(kind::FALSE_CORNER, status::IGNORED),
         refined: records.iter().filter(answered).count(),
         improved: pairs.iter().filter(|(detected, refined)| refined < detected).count(),
-        detected: errors(pairs.iter().map(|pair| pair.0)),
-        refined_errors: errors(pairs.iter().map(|pair| pair.1)),
+        detected: Errors::of(&pairs.iter().map(|pair| pair.0).collect::<Vec<_>>()),
+        refined_errors: Errors::of(&pairs.iter().map(|pair| pair.1).collect::<Vec<_>>()),
     }
 }
 
-fn errors(distances: impl Iterator<Item = f64>) -> Option<Errors> {
-    let distances: Vec<f64> = distances.collect();
-    Some(Errors {
-        rmse_px: stats::root_mean_square(&distances)?,
-        median_px: stats::median(&distances)?,
-        max_px: stats::quantile(&distances, 1.0)?,
-    })
+impl Errors {
+    /// Those of some distances \[px\]; `None` of none.
+    pub fn of(distances_px: &[f64]) -> Option<Self> {
+        Some(Self {
+            rmse_px: stats::root_mean_square(distances_px)?,
+            median_px: stats::median(distances_px)?,
+            max_px: stats::quantile(distances_px, 1.0)?,
+        })
+    }
 }
 
 fn grasps(records: &[&Record]) -> GraspSummary {

@@ -15,6 +15,13 @@ pub fn tables(summary: &Summary) -> String {
              image's strongest\n",
         );
     }
+    if let Some(refinement) = words::refinement(summary) {
+        text.push_str(&table_of(&refinement).to_string());
+        text.push_str(
+            "\nof the corners found; clear: nothing before the corner within 20 px; bound: Cram\u{e9}r-Rao, from the \
+             pixels within 10 px\n",
+        );
+    }
     for (method, grasps) in summary.methods.iter().filter_map(|m| Some((m, m.grasps.as_ref()?))) {
         text.push_str(&format!(
             "{}: {}, then {}\n",

@@ -3,6 +3,7 @@
 use serde::Serialize;
 
 use crate::report::detection::{Cause, Stratum};
+use crate::report::refinement::RefinementSummary;
 use crate::report::summary::{GraspSummary, MethodSummary, SceneSummary, Summary};
 
 /// A length in pixels; "-" of nothing.
@@ -142,6 +143,61 @@ pub fn comparison(summary: &Summary) -> Words {
         ]
     });
     Words { header: header.map(str::to_owned).to_vec(), rows: rows.collect() }
+}
+
+/// Refiners beside each other, the least error where nothing is before the corner first; `None` where all methods
+/// have the same.
+pub fn refinement(summary: &Summary) -> Option<Words> {
+    let first = summary.methods.first()?;
+    if summary.methods.iter().all(|method| method.refiner == first.refiner) {
+        return None;
+    }
+    let header = [
+        "method",
+        "refiner",
+        "answered",
+        "rms error px",
+        "median px",
+        "largest px",
+        "over bound",
+        "clear of occluders",
+        "rms error px",
+        "largest px",
+        "over bound",
+        "squared error over covariance (1.39)",
+        "declined",
+    ];
+    let mut methods: Vec<&MethodSummary> = summary.methods.iter().collect();
+    let rmse_px = |method: &MethodSummary| {
+        method.refinement.clear.errors.map_or(f64::INFINITY, |errors| errors.rmse_px)
+    };
+    methods.sort_by(|a, b| rmse_px(a).total_cmp(&rmse_px(b)));
+    let px3 = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |v| format!("{v:.3}"));
+    let times = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |v| format!("{v:.1}"));
+    let rows = methods.into_iter().map(|method| {
+        let RefinementSummary { all, clear, statuses, median_normed_square } = &method.refinement;
+        let declined: Vec<String> = statuses
+            .iter()
+            .filter(|(status, _)| !matches!(status.as_str(), "ok" | "max_iterations"))
+            .map(|(status, count)| format!("{count} {}", status.replace('_', " ")))
+            .collect();
+        vec![
+            method.method.clone(),
+            method.refiner.clone(),
+            format!("{} of {}", all.answered, all.asked),
+            px3(all.errors.map(|errors| errors.rmse_px)),
+            px3(all.errors.map(|errors| errors.median_px)),
+            px3(all.errors.map(|errors| errors.max_px)),
+            times(all.rmse_over_bound),
+            format!("{} of {}", clear.answered, clear.asked),
+            px3(clear.errors.map(|errors| errors.rmse_px)),
+            px3(clear.errors.map(|errors| errors.max_px)),
+            times(clear.rmse_over_bound),
+            times(*median_normed_square),
+            if declined.is_empty() { "-".to_owned() } else { declined.join(", ") },
+        ]
+    });
+    Some(Words { header: header.map(str::to_owned).to_vec(), rows: rows.collect() })
 }
 
 /// The methods, the best average precision first.

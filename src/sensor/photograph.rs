@@ -229,14 +229,19 @@ impl Photographer {
     /// What a photograph of a whole frame is the noisy picture of: the same light, its noise's mean, with the
     /// model of its noise.
     pub fn noise_free(&self, photograph: &Photograph) -> Exposure {
-        #[allow(clippy::cast_possible_truncation, reason = "f32 holds it to 1e-7")]
-        let gain = self.model.gain as f32;
         let full = self.full_light();
+        let is_mosaic = self.model.colour == Colour::Rggb;
+        let factors = self.light_factors();
         let samples: Vec<Plane<f32>> = photograph
             .light
             .iter()
-            .zip(full)
-            .map(|(plane, full)| plane.map(|light| (gain * light).min(full)))
+            .enumerate()
+            .map(|(channel, plane)| {
+                Plane::from_fn(plane.width(), plane.height(), |x, y| {
+                    let own = if is_mosaic { filter(x, y) } else { channel };
+                    (factors[own] * plane.at(x, y)).min(full[channel])
+                })
+            })
             .collect();
         let exposure = &photograph.exposure;
         let whole = PixelRange { x0: 0, y0: 0, x1: exposure.width(), y1: exposure.height() };
@@ -245,6 +250,24 @@ impl Photographer {
         let exposure = Exposure::photographed(rgb, exposure.encoding(), saturated, self.noise())
             .with_camera(photograph.camera);
         self.of_mosaic(exposure, [0, 0])
+    }
+
+    /// What becomes of light in each channel, but for noise: as [`Self::digitise`] leaves it, full scale is 1.
+    fn light_factors(&self) -> [f32; 3] {
+        let sensor = self.model.sensor.as_ref();
+        let factors = sensor.zip(self.electrons_at_one()).zip(self.light_per_dn()).map_or(
+            [self.model.gain; 3],
+            |((sensor, electrons), scale)| {
+                // Raw samples keep the sensor's colours.
+                let is_raw = self.model.colour == Colour::Rggb
+                    && self.model.output.demosaic == Demosaic::Raw;
+                [0, 1, 2].map(|c: usize| {
+                    electrons[c] * sensor.gain_dn_per_e * scale[if is_raw { 1 } else { c }]
+                })
+            },
+        );
+        #[allow(clippy::cast_possible_truncation, reason = "f32 holds it to 1e-7")]
+        factors.map(|factor| factor as f32)
     }
 
     /// An exposure that knows which samples are the sensor's own; its first pixel is this one of the sensor.

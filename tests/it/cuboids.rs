@@ -110,9 +110,8 @@ fn a_drawn_cuboid_s_seven_corners_are_found_to_a_hundredth_of_a_pixel() {
 
 #[test]
 fn what_hides_parts_of_edges_does_not_move_the_cuboid() {
-    // Two bars across it.
-    let hides =
-        |x: f64, y: f64| (0.6 * x + y - 118.0).abs() < 5.0 || (x - 0.9 * y - 42.0).abs() < 4.0;
+    // A bar across three edges, a disc on a fourth.
+    let hides = |x: f64, y: f64| (x - 52.0).abs() < 4.0 || (x - 98.0).hypot(y - 92.0) < 6.0;
     let exposure = drawn(hides).with_camera(CAMERA);
     let corners = CuboidFit::default().refine(&exposure, &seeds());
     let errors = errors_px(&corners);
@@ -166,7 +165,7 @@ fn on_rendered_scenes_it_is_better_than_corners_alone() {
             }
         }
     }
-    assert!(count >= 10.0, "{count}");
+    assert!(count >= 5.0, "{count}");
     let [cuboid_px, junction_px] = squares.map(|sum: f64| (sum / count).sqrt());
     assert!(cuboid_px < 0.04 && cuboid_px < junction_px, "{cuboid_px} {junction_px}");
 }

@@ -135,7 +135,8 @@ fn corner_sub_pix_equals_opencv_on_ten_thousand_seeds() {
         for half_window_px in half_windows {
             let theirs = said["windows"][half_window_px.to_string()].take();
             let theirs: RefinedByOpenCv = serde_json::from_value(theirs).expect("points");
-            let refiner = CornerSubPix { half_window_px, ..CornerSubPix::default() };
+            let refiner =
+                CornerSubPix { half_window_px, least_roundness: 0.0, ..CornerSubPix::default() };
             let ours = refiner.refine(&exposure, &seeds);
             assert_eq!((ours.len(), theirs.points.len()), (SEEDS, SEEDS));
             let mut compared = 0;

@@ -140,7 +140,12 @@ fn corner_sub_pix_equals_opencv() {
     ];
     let exposure = grey(noisy_wedge());
     for ((half_window_px, zero_zone_px), expected) in opencv {
-        let refiner = CornerSubPix { half_window_px, zero_zone_px, ..CornerSubPix::default() };
+        let refiner = CornerSubPix {
+            half_window_px,
+            zero_zone_px,
+            least_roundness: 0.0,
+            ..CornerSubPix::default()
+        };
         let corners = refiner.refine(&exposure, &seeds.map(|[x, y]| seed(x, y)));
         for (corner, expected) in corners.iter().zip(expected.map(ImagePoint::from)) {
             let error = corner.position.distance_px(expected);
