@@ -1,13 +1,20 @@
 //! Corner refinement.
 
 use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use comfy_table::{Table, presets};
 use cornerbench::detect::Detection;
 use cornerbench::geometry::ImagePoint;
-use cornerbench::refine::Refiner;
+use cornerbench::image::Plane;
+use cornerbench::junction::drawing::{Drawing, DrawingBuffers};
+use cornerbench::junction::rays::Rays;
+use cornerbench::refine::annular_orthogonality::AnnularOrthogonality;
 use cornerbench::refine::corner_sub_pix::CornerSubPix;
+use cornerbench::refine::junction_fit::JunctionFit;
+use cornerbench::refine::{REFINERS, Refiner};
+use cornerbench::sensor::{Encoding, Exposure, Transfer};
 use criterion::{Criterion, Throughput};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{RngCore, SeedableRng};
@@ -50,9 +57,161 @@ pub fn define(c: &mut Criterion) {
         });
     }
     group.finish();
+    drawn(c);
     if crate::asked("refine/peers") {
         compare();
+        compare_drawn();
     }
+}
+
+/// Junctions side by side in one picture, 8 bits, and seeds within a pixel of their vertices.
+struct Grid {
+    exposure: Exposure,
+    seeds: Vec<[f32; 2]>,
+}
+
+impl Grid {
+    const TILE: usize = 48;
+    const TILES: [usize; 2] = [20, 12];
+
+    /// Of Ls of 60 to 150 degrees, or of Ys.
+    fn new(kind: &str) -> Self {
+        let mut random = ChaCha8Rng::seed_from_u64(11);
+        let mut uniform = || f64::from(random.next_u32()) / 4_294_967_296.0;
+        let [columns, rows] = Self::TILES;
+        let mut plane = Plane::filled(columns * Self::TILE, rows * Self::TILE, 0.0);
+        let mut buffers = DrawingBuffers::default();
+        let mut seeds = Vec::new();
+        for tile in 0..columns * rows {
+            let (left, top) = (tile % columns * Self::TILE, tile / columns * Self::TILE);
+            let vertex = [23.0 + uniform(), 23.0 + uniform()];
+            let turn = std::f64::consts::TAU * uniform();
+            let opening = (60.0 + 90.0 * uniform()).to_radians();
+            let third = std::f64::consts::TAU / 3.0;
+            let (count, second, levels) = match kind {
+                "L" => (2, opening, [0.8, 0.2, 0.0]),
+                _ => (3, third, [0.8, 0.5, 0.3]),
+            };
+            let angles_rad = [turn, turn + second, turn + 2.0 * third];
+            let rays = Rays { vertex, sigma_px: 0.5 + uniform(), count, angles_rad };
+            let drawing = Drawing { rays, levels, ramps: [[0.0; 2]; 3] };
+            let picture = drawing.over_pixels([Self::TILE; 2], &mut buffers);
+            for y in 0..Self::TILE {
+                let row = &mut plane.row_mut(top + y)[left..left + Self::TILE];
+                row.iter_mut()
+                    .zip(picture.row(y))
+                    .for_each(|(to, from)| *to = (255.0 * from).round());
+            }
+            let (far, direction) = (uniform().sqrt(), std::f64::consts::TAU * uniform());
+            #[allow(clippy::cast_possible_truncation, reason = "OpenCV takes float32")]
+            seeds.push([
+                (left as f64 + vertex[0] + far * direction.cos()) as f32,
+                (top as f64 + vertex[1] + far * direction.sin()) as f32,
+            ]);
+        }
+        let encoding = Encoding { bit_depth: 8, transfer: Transfer::Linear, black_dn: 0.0 };
+        let exposure = Exposure::new([plane.clone(), plane.clone(), plane], encoding);
+        Self { exposure: exposure.expect("finite"), seeds }
+    }
+
+    fn detections(&self) -> Vec<Detection> {
+        let of = |&[x, y]: &[f32; 2]| ImagePoint::new(f64::from(x), f64::from(y));
+        self.seeds.iter().map(|seed| Detection::new(of(seed), 1.0)).collect()
+    }
+}
+
+/// Every refiner on drawn junctions.
+fn drawn(c: &mut Criterion) {
+    for kind in ["L", "Y"] {
+        let grid = Grid::new(kind);
+        grid.exposure.luma();
+        let detections = grid.detections();
+        let mut group = c.benchmark_group(format!("refine/drawn {kind}"));
+        group.throughput(Throughput::Elements(detections.len() as u64));
+        for entry in REFINERS.iter().filter(|entry| entry.name != "none") {
+            let refiner = (entry.build)(entry.name, &toml::Table::new()).expect("its defaults");
+            group.bench_function(entry.name, |b| {
+                b.iter(|| refiner.refine(&grid.exposure, &detections));
+            });
+        }
+        group.finish();
+    }
+}
+
+/// Prints how long our refiners take for a corner beside `cv2.cornerSubPix`: the same pictures of drawn junctions
+/// and seeds, one core, in turns.
+fn compare_drawn() {
+    const ROUNDS: usize = 7;
+    const REPEATS: usize = 5;
+    let Some(python) = python() else { return };
+    let mut table = Table::new();
+    table.load_style(presets::NOTHING).set_header([
+        "junctions",
+        "refiner",
+        "us a corner",
+        "OpenCV's half window px",
+        "us a corner",
+        "ours / OpenCV's",
+    ]);
+    let one = pool(1);
+    for kind in ["L", "Y"] {
+        let grid = Grid::new(kind);
+        grid.exposure.luma();
+        let detections = grid.detections();
+        let folder = tempfile::tempdir().expect("a folder");
+        let files = written(folder.path(), &grid.exposure, &grid.seeds);
+        let ours: [(&str, u8, Box<dyn Refiner>); 2] = [
+            ("annular_orthogonality", 5, Box::new(AnnularOrthogonality::default())),
+            ("junction_fit", 10, Box::new(JunctionFit::default())),
+        ];
+        let mut times: Vec<Vec<[f64; 2]>> = vec![Vec::new(); ours.len()];
+        for _ in 0..ROUNDS {
+            let said = ask(&python, &files, REPEATS, &[5, 10]);
+            for ((_, half_window_px, refiner), times) in ours.iter().zip(&mut times) {
+                let mut corners = refiner.refine(&grid.exposure, &detections);
+                let took = one.install(|| {
+                    Times::of(REPEATS, || corners = refiner.refine(&grid.exposure, &detections))
+                });
+                let us = |took_s: f64| 1e6 * took_s / detections.len() as f64;
+                let theirs = said.windows[half_window_px].took_s.median;
+                times.push([us(took.median_s), us(theirs)]);
+            }
+        }
+        for ((name, half_window_px, _), rounds) in ours.iter().zip(&times) {
+            let of = |value: fn(&[f64; 2]) -> f64| Spread::of(rounds.iter().map(value).collect());
+            table.add_row([
+                kind.to_owned(),
+                (*name).to_owned(),
+                format!("{:.1}", of(|[ours, _]| *ours)),
+                half_window_px.to_string(),
+                format!("{:.1}", of(|[_, theirs]| *theirs)),
+                format!("{:.2}", of(|[ours, theirs]| ours / theirs)),
+            ]);
+        }
+    }
+    println!("{table}");
+}
+
+/// A picture and points as files that OpenCV's script reads.
+fn written(folder: &Path, exposure: &Exposure, seeds: &[[f32; 2]]) -> [PathBuf; 2] {
+    let [picture, points] = ["luma.png", "points.f32"].map(|name| folder.join(name));
+    exposure.to_picture().save(&picture).expect("written");
+    let bytes: Vec<u8> = seeds.iter().flatten().flat_map(|place| place.to_le_bytes()).collect();
+    std::fs::write(&points, bytes).expect("written");
+    [picture, points]
+}
+
+/// What OpenCV makes of them.
+fn ask(python: &Path, files: &[PathBuf; 2], repeats: usize, half_windows: &[u8]) -> Said {
+    let output = Command::new(python)
+        .arg(concat!(env!("CARGO_MANIFEST_DIR"), "/scripts/tests/peers/opencv_corner_sub_pix.py"))
+        .args(files)
+        .arg(repeats.to_string())
+        .args(half_windows.iter().map(u8::to_string))
+        .output()
+        .expect("Python");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    serde_json::from_slice(&output.stdout).expect("JSON")
 }
 
 /// What OpenCV's script says.
@@ -92,28 +251,14 @@ fn compare() {
         .map(|&[x, y]| Detection::new(ImagePoint::new(f64::from(x), f64::from(y)), 1.0))
         .collect();
     let folder = tempfile::tempdir().expect("a folder");
-    let [picture, points] = ["luma.png", "points.f32"].map(|name| folder.path().join(name));
-    exposure.to_picture().save(&picture).expect("written");
-    let bytes: Vec<u8> = seeds.iter().flatten().flat_map(|place| place.to_le_bytes()).collect();
-    std::fs::write(&points, bytes).expect("written");
+    let files = written(folder.path(), &exposure, &seeds);
 
     let one = pool(1);
     let mut version = String::new();
     let mut rounds: BTreeMap<u8, Vec<[f64; 2]>> = BTreeMap::new();
     let mut differing = BTreeMap::new();
     for _ in 0..ROUNDS {
-        let output = Command::new(&python)
-            .arg(concat!(
-                env!("CARGO_MANIFEST_DIR"),
-                "/scripts/tests/peers/opencv_corner_sub_pix.py"
-            ))
-            .args([&picture, &points])
-            .arg(REPEATS.to_string())
-            .args(HALF_WINDOWS.map(|half_window| half_window.to_string()))
-            .output()
-            .expect("Python");
-        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-        let said: Said = serde_json::from_slice(&output.stdout).expect("JSON");
+        let said = ask(&python, &files, REPEATS, &HALF_WINDOWS);
         version = said.version;
         for (half_window_px, theirs) in said.windows {
             let refiner =

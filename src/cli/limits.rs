@@ -16,7 +16,7 @@ pub(super) struct Options {
     /// Corners in each cell of the table.
     #[arg(long, value_name = "N", default_value_t = 2500)]
     count: usize,
-    /// Refiners to compare, all where none is given; `cornerbench list refiners` names them.
+    /// Refiners to compare, all that know such corners where none is given; `cornerbench list refiners` names them.
     #[arg(value_name = "REFINER")]
     refiners: Vec<String>,
     /// A Markdown file whose part between `<!-- limits -->` and `<!-- end of limits -->` becomes the table.
@@ -111,7 +111,11 @@ pub(super) fn run(global: &Global, options: &Options) -> Result<Ended> {
     Ok(Ended::Well)
 }
 
-/// The refiners that take part: those named, with their defaults, or all and OpenCV's with a larger window.
+/// Refiners that are for something else: a whole cuboid, X corners.
+const ELSEWHERE: [&str; 2] = ["cuboid_fit", "saddle_polynomial"];
+
+/// The refiners that take part: those named, with their defaults, or all that know such corners, and OpenCV's with a
+/// larger window.
 fn contestants(names: &[String]) -> Result<Vec<Contestant>> {
     let place = "command line";
     let build = |name: &str, key: &str, value: Option<(&str, i64)>| {
@@ -135,7 +139,7 @@ fn contestants(names: &[String]) -> Result<Vec<Contestant>> {
         return names.iter().map(|name| build(name, name, None)).collect();
     }
     let mut all = Vec::new();
-    for entry in REFINERS {
+    for entry in REFINERS.iter().filter(|entry| !ELSEWHERE.contains(&entry.name)) {
         all.push(build(entry.name, entry.name, None)?);
         if entry.name == "corner_sub_pix" {
             let name = "corner_sub_pix, half window 10";

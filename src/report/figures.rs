@@ -23,7 +23,7 @@ pub(super) struct Figure {
     pub file: String,
     /// The paper's figure that it answers to, and what it shows.
     pub caption: String,
-    /// Which group it belongs to: "scene", "depth", "target", "corners", "patch", "grasp".
+    /// Which group it belongs to: "scene", "depth", "target", "corners", "patch", "grasp", "worst".
     pub group: &'static str,
     #[serde(skip)]
     pub svg: String,

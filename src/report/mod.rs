@@ -3,6 +3,7 @@
 mod curves;
 pub mod detection;
 mod figures;
+mod misses;
 pub mod refinement;
 pub mod summary;
 mod svg;
@@ -68,6 +69,17 @@ pub fn write(folder: &Path) -> Result<(Summary, PathBuf)> {
             }));
         }
     }
+    let refinement = words::refinement(&summary);
+    let mut worst = Vec::new();
+    for method in summary.methods.iter().filter(|_| refinement.is_some()) {
+        let rows: Vec<&Record> =
+            records.iter().filter(|record| record.method == method.method).collect();
+        let figures = misses::draw(folder, &method.method, &rows)?;
+        for figure in &figures {
+            write_text(&report.join(&figure.file), &figure.svg)?;
+        }
+        worst.push(json!({ "method": method.method, "figures": figures }));
+    }
     let mut environment = Environment::new();
     environment.add_filter("px", |value: Option<f64>| words::px(value));
     environment.add_filter("px3", |value: Option<f64>| {
@@ -82,7 +94,8 @@ pub fn write(folder: &Path) -> Result<(Summary, PathBuf)> {
         "run": run,
         "summary": summary,
         "comparison": words::comparison(&summary),
-        "refinement": words::refinement(&summary),
+        "refinement": refinement,
+        "worst": worst,
         "strata": words::strata(&summary),
         "causes": words::causes(&summary),
         "findings": summary.methods.iter().map(words::findings).collect::<Vec<_>>(),

@@ -45,9 +45,15 @@ impl Drawing {
 
     /// Places a PNG so that its pixels' centres are at whole coordinates.
     pub(super) fn picture(&mut self, png: &str, width: u32, height: u32) {
+        self.picture_at(png, [0, 0], [width, height]);
+    }
+
+    /// Places a PNG that is a part of a picture, whose first pixel is this one of it.
+    pub(super) fn picture_at(&mut self, png: &str, first: [u32; 2], [width, height]: [u32; 2]) {
+        let [x, y] = first.map(|pixel| f64::from(pixel) - 0.5);
         let _ = write!(
             self.body,
-            r#"<image x="-0.5" y="-0.5" width="{width}" height="{height}" image-rendering="pixelated" href="{png}"/>"#,
+            r#"<image x="{x}" y="{y}" width="{width}" height="{height}" image-rendering="pixelated" href="{png}"/>"#,
         );
     }
 

@@ -105,6 +105,8 @@ const NOISE_FREE: usize = 64;
 const SIZE: usize = 48;
 /// Electrons of a pixel where the radiance is 1: so many that their own noise is little.
 const ELECTRONS: f64 = 2e5;
+/// Where pixels are full \[radiance\]: beyond what any ramp leads to.
+const FULL: f64 = 3.0;
 
 /// Draws `count` corners of a cell and refines each by every contestant.
 pub fn measure_cell(
@@ -287,7 +289,9 @@ fn drawn(cell: &Cell, random: &mut Random) -> Drawing {
     });
     let count = cell.angles_deg.len();
     let rays = Rays { vertex, sigma_px: cell.blur_px, count, angles_rad };
-    Drawing { rays, levels: cell.levels, ramps }
+    // Nowhere in the picture a ramp leads below black.
+    let lift = cell.ramp_per_px * contrast * SIZE as f64 * std::f64::consts::FRAC_1_SQRT_2;
+    Drawing { rays, levels: cell.levels.map(|level| level + lift), ramps }
 }
 
 impl Cell {
@@ -328,8 +332,8 @@ fn camera(cell: &Cell, has_noise: bool) -> CameraModel {
         read_noise_e: ELECTRONS * cell.contrast() / cell.contrast_over_noise,
         prnu: 0.0,
         dsnu_e: 0.0,
-        full_well_e: 1.5 * ELECTRONS,
-        gain_dn_per_e: 60_000.0 / (1.5 * ELECTRONS),
+        full_well_e: FULL * ELECTRONS,
+        gain_dn_per_e: 60_000.0 / (FULL * ELECTRONS),
         black_level_dn: BLACK_DN,
         bit_depth: 16,
     };
@@ -346,7 +350,7 @@ fn camera(cell: &Cell, has_noise: bool) -> CameraModel {
             ..Output::default()
         },
         // Full scale is where pixels are full.
-        gain: if has_noise { 1.0 } else { 1.0 / 1.5 },
+        gain: if has_noise { 1.0 } else { 1.0 / FULL },
         ..CameraModel::default()
     }
 }
