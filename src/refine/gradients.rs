@@ -190,16 +190,30 @@ impl<'a> Gradients<'a> {
             pulp::Arch::new().dispatch(Spread(self, coordinate));
         }
         let [along_x, along_y] = &self.influences;
+        let is_grey = self.light.planes.len() == 1;
         let mut sums = [0.0; 3];
         for y in 0..along_x.height() {
-            for x in 0..along_x.width() {
-                let (a, b) = (f64::from(along_x.at(x, y)), f64::from(along_y.at(x, y)));
-                let place = [x + self.range.x0, y + self.range.y0]
-                    .map(|place| place.cast_signed() - radius.cast_signed());
-                let variance = f64::from(self.variance(place));
-                sums[0] += variance * a * a;
-                sums[1] += variance * a * b;
-                sums[2] += variance * b * b;
+            let rows = along_x.row(y).iter().zip(along_y.row(y)).zip(self.samples.row(y));
+            let mut of_row = [0.0; 3];
+            for (x, ((&a, &b), &sample)) in rows.enumerate() {
+                // Most of a square is beyond the window.
+                if a == 0.0 && b == 0.0 {
+                    continue;
+                }
+                let variance = if is_grey {
+                    self.light.variance(0, sample)
+                } else {
+                    self.variance(
+                        [x + self.range.x0, y + self.range.y0]
+                            .map(|place| place.cast_signed() - radius.cast_signed()),
+                    )
+                };
+                of_row[0] += variance * a * a;
+                of_row[1] += variance * a * b;
+                of_row[2] += variance * b * b;
+            }
+            for (sum, of_row) in sums.iter_mut().zip(of_row) {
+                *sum += f64::from(of_row);
             }
         }
         let [xx, xy, yy] = sums;
