@@ -71,7 +71,10 @@ pub fn write(folder: &Path) -> Result<(Summary, PathBuf)> {
     }
     let refinement = words::refinement(&summary);
     let mut worst = Vec::new();
-    for method in summary.methods.iter().filter(|_| refinement.is_some()) {
+    for method in words::by_refined_error(&summary) {
+        if refinement.is_none() {
+            break;
+        }
         let rows: Vec<&Record> =
             records.iter().filter(|record| record.method == method.method).collect();
         let figures = misses::draw(folder, &method.method, &rows)?;

@@ -19,7 +19,7 @@ pub fn tables(summary: &Summary) -> String {
         text.push_str(&table_of(&refinement).to_string());
         text.push_str(
             "\nof the corners found; clear: nothing before the corner within 20 px; bound: Cram\u{e9}r-Rao, from the \
-             pixels within 10 px\n",
+             pixels within 10 px; normed: squared error over the refiner's own covariance, median\n",
         );
     }
     for (method, grasps) in summary.methods.iter().filter_map(|m| Some((m, m.grasps.as_ref()?))) {

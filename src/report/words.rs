@@ -154,27 +154,21 @@ pub fn refinement(summary: &Summary) -> Option<Words> {
     }
     let header = [
         "method",
-        "refiner",
         "answered",
         "rms error px",
         "median px",
         "largest px",
         "over bound",
-        "clear of occluders",
+        "clear: answered",
         "rms error px",
         "largest px",
         "over bound",
-        "squared error over covariance (1.39)",
+        "normed (1.39)",
         "declined",
     ];
-    let mut methods: Vec<&MethodSummary> = summary.methods.iter().collect();
-    let rmse_px = |method: &MethodSummary| {
-        method.refinement.clear.errors.map_or(f64::INFINITY, |errors| errors.rmse_px)
-    };
-    methods.sort_by(|a, b| rmse_px(a).total_cmp(&rmse_px(b)));
     let px3 = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |v| format!("{v:.3}"));
     let times = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |v| format!("{v:.1}"));
-    let rows = methods.into_iter().map(|method| {
+    let rows = by_refined_error(summary).into_iter().map(|method| {
         let RefinementSummary { all, clear, statuses, median_normed_square } = &method.refinement;
         let declined: Vec<String> = statuses
             .iter()
@@ -183,7 +177,6 @@ pub fn refinement(summary: &Summary) -> Option<Words> {
             .collect();
         vec![
             method.method.clone(),
-            method.refiner.clone(),
             format!("{} of {}", all.answered, all.asked),
             px3(all.errors.map(|errors| errors.rmse_px)),
             px3(all.errors.map(|errors| errors.median_px)),
@@ -198,6 +191,16 @@ pub fn refinement(summary: &Summary) -> Option<Words> {
         ]
     });
     Some(Words { header: header.map(str::to_owned).to_vec(), rows: rows.collect() })
+}
+
+/// The methods, the least error of refined corners that are clear of occluders first.
+pub(super) fn by_refined_error(summary: &Summary) -> Vec<&MethodSummary> {
+    let mut methods: Vec<&MethodSummary> = summary.methods.iter().collect();
+    let rmse_px = |method: &MethodSummary| {
+        method.refinement.clear.errors.map_or(f64::INFINITY, |errors| errors.rmse_px)
+    };
+    methods.sort_by(|a, b| rmse_px(a).total_cmp(&rmse_px(b)));
+    methods
 }
 
 /// The methods, the best average precision first.
