@@ -18,9 +18,10 @@
 //! # Output      position, covariance, iterations (of all fits), status. The covariance is the inverse of the
 //!               Fisher information with levels, ramps, directions and blur unknown, times chi^2 over degrees of
 //!               freedom where more than noise is left. diverged: no fit within max_shift_px;
-//!               singular: no two edges meet near the seed, or the two are one straight edge to within three
-//!               standard deviations; false_corner: two of three rays are, an edge that ends at
-//!               another; not_applicable: two straight edges cross. Elsewhere the seed's own position.
+//!               singular: no two edges meet near the seed, the two are one straight edge to within three
+//!               standard deviations, or by its covariance the corner is known to no better than 0.5 px;
+//!               false_corner: two of three rays are one edge, at which another ends; not_applicable: two
+//!               straight edges cross. Elsewhere the seed's own position.
 //! # Border      pixels beyond the image or saturated have no weight; where half of a window has none, and for
 //!               a seed outside the image, out_of_bounds.
 //! # Cost        O(R^2) for a step of a fit, four to six of them; three channels cost thrice.
@@ -204,6 +205,9 @@ const MODEL_ERROR: f64 = 0.003;
 /// What is left, as a share of the contrast, where a ray may be missing.
 const LEAST_MISFIT: f64 = 0.02;
 
+/// A corner whose place is known worse by its own covariance is not located \[px\].
+const MOST_DEVIATION_PX: f64 = 0.5;
+
 /// Smaller windows, of the radius, that are tried where more than noise is left.
 const SMALLER: [f64; 2] = [0.7, 0.5];
 
@@ -260,6 +264,9 @@ impl<'a> Work<'a> {
                     best = other;
                 }
             }
+        }
+        if best.variance_px2() > MOST_DEVIATION_PX * MOST_DEVIATION_PX {
+            return Err(RefineStatus::Singular);
         }
         Ok(Located {
             rays: best.rays_in_image(),
