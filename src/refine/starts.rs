@@ -227,9 +227,9 @@ fn cross(
     let energies: [f64; PLACES] =
         std::array::from_fn(|place| steps[place].iter().map(|step| step * step).sum());
     let most = energies.iter().copied().fold(0.0, f64::max);
-    // Of noise alone the energy of a channel is about 2 / (side pixels): four deviations.
+    // Of noise alone the energy of a channel is about 2 / (side pixels): three deviations.
     let pixels = (side as f64 * TURN * radius_px).max(1.0);
-    let least = (32.0 * planes.len() as f64 / pixels).max(1e-3 * most);
+    let least = (18.0 * planes.len() as f64 / pixels).max(1e-3 * most);
     for place in 0..PLACES {
         let at = |offset: usize| energies[(place + PLACES + offset - side) % PLACES];
         let energy = at(side);
