@@ -46,6 +46,38 @@ fn bound_px(drawing: &Drawing, radius_px: f64, noise: f64, unknown: Unknown) -> 
 }
 
 #[test]
+fn what_an_edge_tells_is_what_the_closed_form_says() {
+    // lambda = A^2 / (2 sqrt(pi) sigma_e sigma_n^2) for each pixel of its length; with unknown levels less by
+    // 2 sqrt(pi) sigma_e / W, W the width of the strip. A square of 21 pixels, the edge at four phases.
+    let mut samples = Samples { channel_count: 1, radius_px: 10.0, ..Samples::default() };
+    samples.make_square(10);
+    let count = samples.places.x.len();
+    samples.channels[0].weights = vec![50.0; count];
+    samples.channels[0].weights[21 * 21..].fill(0.0);
+    samples.channels[0].samples = vec![0.0; count];
+    for blur_px in [0.5_f64, 0.8, 1.2] {
+        let sigma_px = blur_px.hypot(12.0_f64.sqrt().recip());
+        let lambda = 50.0_f64.powi(2) / (2.0 * std::f64::consts::PI.sqrt() * sigma_px);
+        let mean = |unknown: Unknown| {
+            let of = |phase: u32| {
+                let vertex = [0.0, 0.25 * f64::from(phase)];
+                let angles_rad = [0.0, std::f64::consts::PI, 0.0];
+                let rays = Rays { vertex, sigma_px, count: 2, angles_rad };
+                let levels = [[[1.0, 0.0, 0.0], [0.0; 3], [0.0; 3]]; 3];
+                let information = Fitter::default().information(&samples, &rays, &levels);
+                information.shape(unknown).expect("a shape")[(1, 1)]
+            };
+            (0..4).map(of).sum::<f64>() / 4.0
+        };
+        let known = mean(Unknown::default());
+        assert!((known / (21.0 * lambda) - 1.0).abs() < 0.001, "{blur_px}: {known} {lambda}");
+        let share = mean(Unknown { levels: true, ..Unknown::default() }) / known;
+        let wanted = 1.0 - 2.0 * std::f64::consts::PI.sqrt() * sigma_px / 21.0;
+        assert!((share - wanted).abs() < 0.001, "{blur_px}: {share} {wanted}");
+    }
+}
+
+#[test]
 fn bounds_equal_those_of_differences_of_closed_forms() {
     // Levels, directions and blur unknown; the image of exact pixels, differentiated.
     let noise = 0.02;
