@@ -7,8 +7,8 @@
 //!               Starts are where edges that cross circles about the seed in a line meet (4.5, 6.5, 8.5 and
 //!               10.5 px), the nearest and strongest first; the window then moves with the vertex. A third ray
 //!               stays, or is tried where an L leaves more than noise, if it lowers chi^2 + k ln n (Schwarz's
-//!               information criterion). Where more is left than noise and 0.3 % of the contrast, smaller windows are tried, and
-//!               the one is taken whose covariance, so enlarged, is smallest.
+//!               information criterion). Where more is left than noise and 0.3 % of the contrast, smaller windows
+//!               are tried, and the one is taken whose covariance, so enlarged, is smallest.
 //! # Input       all channels that differ, decoded to linear light, with the exposure's noise model.
 //! # Parameters  radius_px       px, 10    range [4, 30]: pixels whose centres are nearer to the vertex
 //!               ramps           bool, true: sectors may be brighter towards one side

@@ -9,7 +9,8 @@
 //!                 d = (G^T G)^-1 G^T (g w - r),  g = (r . r - r . P r) / (w . r - w . P r),
 //!                 P = G (G^T G)^-1 G^T;  A <- A (1 + D)^-1, v <- v - A t of d's matrix D and translation t
 //!               Then the junction is drawn anew with the rays, blur and levels found, and registered again,
-//!               until the warp scales it by less than 2 %, six times at most. Of several starts the one that correlates best is the answer.
+//!               until the warp scales it by less than 2 %, six times at most. Of several starts the one that
+//!               correlates best is the answer.
 //! # Input       red, green and blue as encoded, decoded to linear light, weighted by 0.2126, 0.7152,
 //!               0.0722 (Rec. 709), with the exposure's noise model. Gain and offset cancel.
 //! # Parameters  radius_px         px, 8     range [4, 20]: R
@@ -22,9 +23,8 @@
 //!               normal equations with gain and offset unknown, by the camera's noise or by what is left where
 //!               that is more. singular: no two edges meet near the seed, or the two are one straight edge
 //!               to 0.1 rad; false_corner: two of three rays are; not_applicable: two straight edges cross, or
-//!               the correlation is below 0.95; diverged: the last registration did not converge, the warp left max_shift_px or twice the size, or the blur
-//!               grew beyond 0.35 R.
-//!               Elsewhere the seed's own position.
+//!               the correlation is below 0.95; diverged: the last registration did not converge, the warp left
+//!               max_shift_px or twice the size, or the blur grew beyond 0.35 R. Elsewhere the seed's own position.
 //! # Border      out_of_bounds where the warped template or the seed is not in the image.
 //! # Cost        O(R^2) for each iteration, 16 samples for each place.
 //! # Departures  The source has no template of its own; a drawn one has slopes without noise. An affine warp

@@ -1,7 +1,7 @@
 //! The edge as a step of any blur, fitted to a column's pixels where they are.
 //!
-//! I(d) = B + A Phi((d - d0) / sigma) + C d + K k, k = 2 (d Phi + sigma phi) - d what |d| is when it is blurred: ramps to
-//! both sides. About d0 = 0 and the ray's blur this is linear in 1, d, Phi, phi, k and t phi, t = d / sigma, and one
+//! I(d) = B + A Phi((d - d0) / sigma) + C d + K k, k = 2 (d Phi + sigma phi) - d what |d| is when it is blurred:
+//! ramps to both sides. About d0 = 0 and the ray's blur this is linear in 1, d, Phi, phi, k and t phi, t = d / sigma, and one
 //! step of Gauss and Newton is d0 = -sigma c_phi / A; the ray moves there, and the next round begins at 0. The
 //! kink K is one for the whole ray: of each station it would double the offset's variance. As least squares have it,
 //! the offset without a kink does not correlate with the kink, and moves in proportion to it.
