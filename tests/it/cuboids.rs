@@ -124,7 +124,18 @@ fn without_intrinsics_or_cuboid_it_is_not_applicable() {
     let without = CuboidFit::default().refine(&drawn(|_, _| false), &seeds());
     let flat = drawn(|_, _| true).with_camera(CAMERA);
     let flat = CuboidFit::default().refine(&flat, &seeds());
-    for corner in without.iter().chain(&flat) {
+    // Corners of all kinds, but of no cuboid.
+    let plane = Plane::from_fn(CAMERA.width as usize, CAMERA.height as usize, |x, y| {
+        200.0 * crate::drawn::texture(x / 9, y / 7)
+    });
+    let encoding = Encoding { bit_depth: 16, transfer: Transfer::Linear, black_dn: 0.0 };
+    let texture = Exposure::new([plane.clone(), plane.clone(), plane], encoding).expect("finite");
+    let everywhere: Vec<Detection> = (1..15)
+        .flat_map(|x| (1..18).map(move |y| (9.0 * f64::from(x) - 0.5, 7.0 * f64::from(y) - 0.5)))
+        .map(|(x, y)| Detection::new(ImagePoint::new(x, y), x + y))
+        .collect();
+    let texture = CuboidFit::default().refine(&texture.with_camera(CAMERA), &everywhere);
+    for corner in without.iter().chain(&flat).chain(&texture) {
         assert_eq!(corner.status, RefineStatus::NotApplicable, "{corner:?}");
         assert_eq!(corner.position, corner.seed.point);
     }

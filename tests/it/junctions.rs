@@ -212,6 +212,32 @@ fn a_junction_without_noise_is_fitted_to_a_thousandth_of_a_pixel() {
 }
 
 #[test]
+fn what_a_mosaic_lacks_does_not_count() {
+    // Red, green and blue of the same junction; what another filter was on is anything.
+    let drawing = drawing([24.2, 23.7], &[20.0, 110.0], [0.8, 0.2, 0.0], 0.7);
+    let whole = drawing.over_pixels([SIZE, SIZE], &mut DrawingBuffers::default());
+    let planes = [0, 1, 2].map(|channel: usize| {
+        Plane::from_fn(SIZE, SIZE, |x, y| {
+            let is_own = (x + 1) % 2 + y % 2 == channel;
+            let other = crate::drawn::texture(x + 7 * channel, y) / 255.0;
+            65535.0 * if is_own { whole.at(x, y) } else { 0.5 * (whole.at(x, y) + other) }
+        })
+    });
+    let encoding = Encoding { bit_depth: 16, transfer: Transfer::Linear, black_dn: 0.0 };
+    let exposure = Exposure::new(planes, encoding).expect("finite");
+    let off_px = |exposure: &Exposure| {
+        let corner = fitted(exposure, 25.0, 23.0);
+        corner.position.distance_px(ImagePoint::new(24.2, 23.7))
+    };
+    // The first pixel is the second of the pattern.
+    let own_px = off_px(&exposure.clone().with_mosaic([1, 0]));
+    let other_px = off_px(&exposure.clone().with_mosaic([0, 0]));
+    let all_px = off_px(&exposure);
+    assert!(own_px < 0.001, "{own_px}");
+    assert!(other_px > 0.02 && all_px > 0.02, "{other_px} {all_px}");
+}
+
+#[test]
 fn ramps_do_not_move_the_vertex() {
     let mut drawing = drawing([24.2, 23.7], &[20.0, 110.0], [0.8, 0.2, 0.0], 1.0);
     // 3.3 % of the contrast for each pixel.

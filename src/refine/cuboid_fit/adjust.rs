@@ -21,6 +21,8 @@ const MODEL_ERROR_PX: f64 = 0.01;
 const PRIOR: f64 = 0.3;
 /// Of Tukey's weights, in standard deviations.
 const CUT: f64 = 4.7;
+/// Where half of the pieces are farther off, the cuboid is not what is seen \[px\].
+const MOST_OFFSET_PX: f64 = 0.5;
 /// At least so many pieces in all.
 const LEAST_PIECES: usize = 12;
 
@@ -42,7 +44,7 @@ struct Piece {
     slope: Change,
 }
 
-/// Adjusts a cuboid; `None` where too little of its edges is seen.
+/// Adjusts a cuboid; `None` where too little of its edges is seen, or they are elsewhere.
 pub(super) fn adjust(
     light: &Light,
     camera: &Camera,
@@ -83,6 +85,10 @@ pub(super) fn adjust(
             .fold(0.0, f64::max);
         let converged = moved_px <= epsilon_px && gate_px < epsilon_px.max(0.05);
         if converged || iterations == max_iterations {
+            let offsets: Vec<f64> = pieces.iter().map(|piece| piece.offset_px.abs()).collect();
+            if crate::stats::median(&offsets).is_none_or(|offset_px| offset_px > MOST_OFFSET_PX) {
+                return None;
+            }
             let degrees = (counted - FREEDOM as f64).max(1.0);
             let covariance = covariance * (left / degrees).max(1.0);
             let evidence = counted - 0.2 * (wanted - counted);

@@ -173,7 +173,7 @@ fn fits(cuboid: &Cuboid, vertex: usize, rays: &Rays, camera: &Camera) -> bool {
 fn has_ray(cuboid: &Cuboid, vertex: usize, axis: usize, rays: &Rays, camera: &Camera) -> bool {
     let sign = if vertex & 1 << axis == 0 { 1.0 } else { -1.0 };
     let shares = |more: f64| {
-        let mut shares = [0, 1, 2].map(|i| f64::from(u8::from(vertex & 1 << i != 0)));
+        let mut shares = Cuboid::shares(vertex);
         shares[axis] += more / cuboid.lengths[axis];
         camera.project(&cuboid.point(shares).into())
     };
