@@ -126,6 +126,18 @@ impl<S: Simd> Lanes<S> {
         self.simd.reduce_sum_f32s(self.values)
     }
 
+    /// Each lane that of so many further on; the first ones come last.
+    #[inline(always)]
+    pub fn rotated_left(self, lanes: usize) -> Self {
+        Self { simd: self.simd, values: self.simd.rotate_left_f32s(self.values, lanes) }
+    }
+
+    /// The smallest lane.
+    #[inline(always)]
+    pub fn least(self) -> f32 {
+        self.simd.reduce_min_f32s(self.values)
+    }
+
     /// The largest lane.
     #[inline(always)]
     pub fn largest(self) -> f32 {

@@ -39,6 +39,7 @@
 //!               differ by more than 1e-4 px, elsewhere none.
 //! ```
 
+use pulp::Simd;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -125,65 +126,81 @@ impl WithWiden for Refined<'_> {
     fn with_simd<S: Widen>(self, simd: S) -> Vec<Corner> {
         let Self { refiner, plane, seeds } = self;
         let mut window = Window::new(refiner);
-        let mut corners = Vec::with_capacity(seeds.len());
-        for seed in seeds {
-            corners.push(refiner.refine_one(simd, plane, &mut window, seed));
+        // Those outside the image stay as they are.
+        let outside = |seed: &Detection| Corner::at_seed(*seed, 0, RefineStatus::OutOfBounds);
+        let mut corners: Vec<Corner> = seeds.iter().map(outside).collect();
+        let mut starts = seeds.iter().enumerate().filter_map(|(index, seed)| {
+            #[allow(clippy::cast_possible_truncation, reason = "OpenCV keeps positions in f32")]
+            let start = [seed.point.x as f32, seed.point.y as f32];
+            contains(plane, start).then_some(Run { index, start, position: start, iterations: 0 })
+        });
+        // A step waits for its own sums: the machine goes on with another corner's meanwhile.
+        let mut runs = [starts.next(), starts.next()];
+        while runs.iter().any(Option::is_some) {
+            for slot in &mut runs {
+                let Some(run) = slot else { continue };
+                if let Some(end) = refiner.advance(simd, plane, &mut window, run) {
+                    let corner = &mut corners[run.index];
+                    corner.status = end;
+                    corner.iterations = run.iterations;
+                    if matches!(end, RefineStatus::Ok | RefineStatus::MaxIterations) {
+                        let [x, y] = run.position.map(f64::from);
+                        corner.position = ImagePoint::new(x, y);
+                    }
+                    *slot = starts.next();
+                }
+            }
         }
         corners
     }
 }
 
+/// A corner's iteration.
+#[derive(Clone, Copy, Debug)]
+struct Run {
+    /// Of its seed.
+    index: usize,
+    start: [f32; 2],
+    position: [f32; 2],
+    iterations: u32,
+}
+
 impl CornerSubPix {
+    /// A step of a run; its status where that ends it.
     #[inline(always)]
-    fn refine_one<S: Widen>(
+    fn advance<S: Widen>(
         &self,
         simd: S,
         plane: &Plane<f32>,
         window: &mut Window,
-        seed: &Detection,
-    ) -> Corner {
-        #[allow(clippy::cast_possible_truncation, reason = "OpenCV keeps positions in f32")]
-        let start = [seed.point.x as f32, seed.point.y as f32];
-        if !contains(plane, start) {
-            return Corner::at_seed(*seed, 0, RefineStatus::OutOfBounds);
-        }
-        let mut position = start;
-        let mut iterations = 0;
-        let (status, roundness) = loop {
-            let Some(Step { by: [dx, dy], roundness }) = window.step(simd, plane, position) else {
-                return Corner::at_seed(*seed, iterations, RefineStatus::Singular);
-            };
-            #[allow(clippy::cast_possible_truncation, reason = "OpenCV keeps positions in f32")]
-            let next = [(f64::from(position[0]) + dx) as f32, (f64::from(position[1]) + dy) as f32];
-            let moved = [next[0] - position[0], next[1] - position[1]];
-            if !contains(plane, next) {
-                return Corner::at_seed(*seed, iterations, RefineStatus::OutOfBounds);
-            }
-            position = next;
-            iterations += 1;
-            if f64::from(moved[0] * moved[0] + moved[1] * moved[1])
-                <= self.epsilon_px * self.epsilon_px
-            {
-                break (RefineStatus::Ok, roundness);
-            }
-            if iterations == self.max_iterations {
-                break (RefineStatus::MaxIterations, roundness);
-            }
+        run: &mut Run,
+    ) -> Option<RefineStatus> {
+        let Some(Step { by: [dx, dy], roundness }) = window.step(simd, plane, run.position) else {
+            return Some(RefineStatus::Singular);
         };
+        let [x, y] = run.position;
+        #[allow(clippy::cast_possible_truncation, reason = "OpenCV keeps positions in f32")]
+        let next = [(f64::from(x) + dx) as f32, (f64::from(y) + dy) as f32];
+        if !contains(plane, next) {
+            return Some(RefineStatus::OutOfBounds);
+        }
+        run.position = next;
+        run.iterations += 1;
+        let [dx, dy] = [next[0] - x, next[1] - y];
+        let is_done = f64::from(dx * dx + dy * dy) <= self.epsilon_px * self.epsilon_px;
+        if !is_done && run.iterations < self.max_iterations {
+            return None;
+        }
         let reach = f32::from(self.half_window_px);
-        if (position[0] - start[0]).abs() > reach || (position[1] - start[1]).abs() > reach {
-            return Corner::at_seed(*seed, iterations, RefineStatus::Reverted);
-        }
-        if roundness < self.least_roundness {
-            return Corner::at_seed(*seed, iterations, RefineStatus::Singular);
-        }
-        Corner {
-            seed: *seed,
-            position: ImagePoint::new(f64::from(position[0]), f64::from(position[1])),
-            covariance_px2: None,
-            iterations,
-            status,
-        }
+        Some(if (next[0] - run.start[0]).abs() > reach || (next[1] - run.start[1]).abs() > reach {
+            RefineStatus::Reverted
+        } else if roundness < self.least_roundness {
+            RefineStatus::Singular
+        } else if is_done {
+            RefineStatus::Ok
+        } else {
+            RefineStatus::MaxIterations
+        })
     }
 }
 
@@ -301,16 +318,27 @@ impl Window {
             Lanes::splat(simd, w3),
         ];
         let mut sums = [Doubles::splat(simd, 0.0); 5];
-        let mut column = 0;
-        while column < 2 * self.half + 1 {
-            let samples = &pixels[column..];
-            // The second half may be beyond the window.
-            if column + S::F64_LANES > 2 * self.half || S::F64_LANES == S::F32_LANES {
-                self.add_columns::<S, 1>(simd, samples, stride, shares, column, &mut sums);
+        let side = 2 * self.half + 1;
+        // The second half may be beyond the window.
+        let is_half = |column: usize| column + S::F64_LANES >= side || S::F64_LANES == S::F32_LANES;
+        if side + 2 <= S::F32_LANES {
+            let rows = Whole::new(simd, shares);
+            if is_half(0) {
+                self.add_columns::<S, _, 1>(simd, pixels, stride, rows, 0, &mut sums);
             } else {
-                self.add_columns::<S, 2>(simd, samples, stride, shares, column, &mut sums);
+                self.add_columns::<S, _, 2>(simd, pixels, stride, rows, 0, &mut sums);
             }
-            column += S::F32_LANES;
+        } else {
+            let mut column = 0;
+            while column < side {
+                let (rows, pixels) = (Parts::new(simd, shares), &pixels[column..]);
+                if is_half(column) {
+                    self.add_columns::<S, _, 1>(simd, pixels, stride, rows, column, &mut sums);
+                } else {
+                    self.add_columns::<S, _, 2>(simd, pixels, stride, rows, column, &mut sums);
+                }
+                column += S::F32_LANES;
+            }
         }
         let [a, b, c, u, v] = sums;
         [a.total(), b.total(), c.total(), u.total(), v.total()]
@@ -319,32 +347,23 @@ impl Window {
     /// Adds one vector's columns from `column` on, or the first half of it. Nothing is rounded otherwise
     /// than OpenCV does it up to the gradients; products and sums are of double precision, as there.
     #[inline(always)]
-    fn add_columns<S: Widen, const HALVES: usize>(
+    fn add_columns<S: Widen, R: Resampled<S>, const HALVES: usize>(
         &self,
         simd: S,
         pixels: &[f32],
         stride: usize,
-        [w0, w1, w2, w3]: [Lanes<S>; 4],
+        mut rows: R,
         column: usize,
         sums: &mut [Doubles<S>; 5],
     ) {
         let (side, padded) = (2 * self.half + 1, self.offsets.len());
         let none = Lanes::splat(simd, 0.0);
         let mut parts = [[Doubles::splat(simd, 0.0); 5]; HALVES];
-        // Of the resampled row that the last row of pixels is the upper one of: left, middle and right.
-        let (mut left, mut middle, mut right) = (none, none, none);
         // Of the resampled rows before: two above, one above, and the difference across that one.
         let (mut above, mut beside, mut gx) = (none, none, none);
         for row in 0..side + 3 {
             let samples = &pixels[row * stride..][..S::F32_LANES + 3];
-            let s0 = Lanes::load(simd, samples, 0);
-            let s1 = Lanes::load(simd, samples, 1);
-            let s2 = Lanes::load(simd, samples, 2);
-            let s3 = Lanes::load(simd, samples, 3);
-            let resampled_left = left + (s0 * w2 + s1 * w3);
-            let below = middle + (s1 * w2 + s2 * w3);
-            let resampled_right = right + (s2 * w2 + s3 * w3);
-            (left, middle, right) = (s0 * w0 + s1 * w1, s1 * w0 + s2 * w1, s2 * w0 + s3 * w1);
+            let [left, below, right] = rows.next(simd, samples);
             // The first row of pixels makes none, the next two make what differences need.
             if row >= 3 {
                 let y = row - 3;
@@ -363,7 +382,7 @@ impl Window {
                     *yy_py = m_yy.mul_add(py, *yy_py);
                 }
             }
-            (above, beside, gx) = (beside, below, resampled_right - resampled_left);
+            (above, beside, gx) = (beside, below, right - left);
         }
         for (half, [xx, xy, yy, xy_py, yy_py]) in parts.into_iter().enumerate() {
             let px = Doubles::load(simd, &self.offsets, column + half * S::F64_LANES);
@@ -373,6 +392,63 @@ impl Window {
             sums[3] = sums[3] + xx.mul_add(px, xy_py);
             sums[4] = sums[4] + xy.mul_add(px, yy_py);
         }
+    }
+}
+
+/// A window's rows between pixels, one after the other: each is made of a row of pixels and the one before it, the
+/// upper one.
+trait Resampled<S: Simd>: Sized {
+    /// By the shares of the four pixels about a place.
+    fn new(simd: S, shares: [Lanes<S>; 4]) -> Self;
+    /// The row of places one to the left of the window's columns, that of these, and that of those one to the
+    /// right; `pixels` begin two to the left.
+    fn next(&mut self, simd: S, pixels: &[f32]) -> [Lanes<S>; 3];
+}
+
+/// Each by its own pixels: of any width.
+struct Parts<S: Simd> {
+    shares: [Lanes<S>; 4],
+    upper: [Lanes<S>; 3],
+}
+
+impl<S: Simd> Resampled<S> for Parts<S> {
+    #[inline(always)]
+    fn new(simd: S, shares: [Lanes<S>; 4]) -> Self {
+        Self { shares, upper: [Lanes::splat(simd, 0.0); 3] }
+    }
+
+    #[inline(always)]
+    fn next(&mut self, simd: S, pixels: &[f32]) -> [Lanes<S>; 3] {
+        let [w0, w1, w2, w3] = self.shares;
+        let s0 = Lanes::load(simd, pixels, 0);
+        let s1 = Lanes::load(simd, pixels, 1);
+        let s2 = Lanes::load(simd, pixels, 2);
+        let s3 = Lanes::load(simd, pixels, 3);
+        let [left, middle, right] = self.upper;
+        self.upper = [s0 * w0 + s1 * w1, s1 * w0 + s2 * w1, s2 * w0 + s3 * w1];
+        [left + (s0 * w2 + s1 * w3), middle + (s1 * w2 + s2 * w3), right + (s2 * w2 + s3 * w3)]
+    }
+}
+
+/// A row that one vector holds with a column to each side: its neighbours are its own lanes.
+struct Whole<S: Simd> {
+    shares: [Lanes<S>; 4],
+    upper: Lanes<S>,
+}
+
+impl<S: Simd> Resampled<S> for Whole<S> {
+    #[inline(always)]
+    fn new(simd: S, shares: [Lanes<S>; 4]) -> Self {
+        Self { shares, upper: Lanes::splat(simd, 0.0) }
+    }
+
+    #[inline(always)]
+    fn next(&mut self, simd: S, pixels: &[f32]) -> [Lanes<S>; 3] {
+        let [w0, w1, w2, w3] = self.shares;
+        let (s0, s1) = (Lanes::load(simd, pixels, 0), Lanes::load(simd, pixels, 1));
+        let row = self.upper + (s0 * w2 + s1 * w3);
+        self.upper = s0 * w0 + s1 * w1;
+        [row, row.rotated_left(1), row.rotated_left(2)]
     }
 }
 
