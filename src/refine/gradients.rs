@@ -26,18 +26,18 @@ pub(super) struct Gradients<'a> {
     pub strongest2: f32,
     /// Variance of a gradient's component by noise alone.
     pub noise2: f64,
-    /// What gradients along x and y do to one coordinate of a point, with zeros around them.
-    pulls: [Plane<f32>; 2],
-    /// What pixels do to its two coordinates.
-    influences: [Plane<f32>; 2],
+    /// What gradients along x, and along y, do to each of two numbers, with zeros around them.
+    pulls: [[Plane<f32>; 2]; 2],
+    /// What pixels do to these by gradients along x, and along y.
+    influences: [[Plane<f32>; 2]; 2],
 }
 
 /// A Gaussian and its derivative, and memory to filter by them.
 struct Kernels {
     gaussian: Kernel,
     derivative: Kernel,
-    row: Vec<f32>,
-    other: Vec<f32>,
+    /// Rows that are filtered across.
+    filtered: Plane<f32>,
 }
 
 impl Kernels {
@@ -45,29 +45,35 @@ impl Kernels {
         self.gaussian.radius().max(self.derivative.radius())
     }
 
-    /// The derivative along x, or else along y, of row `y` of what is inside of a source by the kernels' radius.
+    /// The derivative along x, or else along y, of what is inside of a source by the kernels' radius.
     #[inline(always)]
     fn slope<S: Simd>(
         &mut self,
         simd: S,
         source: &Plane<f32>,
-        y: usize,
         is_along_x: bool,
-        out: &mut [f32],
+        out: &mut Plane<f32>,
     ) {
         let radius = self.radius();
-        let Self { gaussian, derivative, row, .. } = self;
+        let Self { gaussian, derivative, filtered } = self;
         let (across, along) =
             if is_along_x { (gaussian, derivative) } else { (derivative, gaussian) };
-        let rows = ImageRows {
-            image: source.view(),
-            first: (y + radius - across.radius()).cast_signed(),
-            column: 0,
-            border: Border::Replicate,
-        };
-        row.resize(source.width(), 0.0);
-        across.across(simd, &rows, row);
-        along.along(simd, &row[radius - along.radius()..], out);
+        let (width, height) = (source.width() - 2 * radius, source.height() - 2 * radius);
+        out.resize(width, height, 0.0);
+        filtered.resize(source.width(), height, 0.0);
+        // All rows first: what was just written is slow to read at another place.
+        for y in 0..height {
+            let rows = ImageRows {
+                image: source.view(),
+                first: (y + radius - across.radius()).cast_signed(),
+                column: 0,
+                border: Border::Replicate,
+            };
+            across.across(simd, &rows, filtered.row_mut(y));
+        }
+        for y in 0..height {
+            along.along(simd, &filtered.row(y)[radius - along.radius()..], out.row_mut(y));
+        }
     }
 }
 
@@ -79,8 +85,7 @@ impl<'a> Gradients<'a> {
             kernels: Kernels {
                 gaussian: Kernel::gaussian(sigma_d),
                 derivative: Kernel::gaussian_derivative(sigma_d),
-                row: Vec::new(),
-                other: Vec::new(),
+                filtered: Plane::default(),
             },
             range: PixelRange { x0: 0, y0: 0, x1: 0, y1: 0 },
             samples: Plane::default(),
@@ -165,61 +170,41 @@ impl<'a> Gradients<'a> {
         }
     }
 
-    /// The covariance of a point that depends on the gradients along x and y of each pixel of the range by these
-    /// amounts: `pull(coordinate, y, row along x, row along y)` fills a row \[px for each unit of light/px\].
-    /// The noise of pixels is independent, that of gradients is not.
-    pub fn covariance_px2(
+    /// The covariance of two numbers that depend on the gradients along x and y of each pixel of the range as
+    /// `fill` says: `pulls[number][axis]`, the range from so many columns and rows on, zeros around it. The noise of
+    /// pixels is independent, that of gradients is not.
+    pub fn covariance(
         &mut self,
-        mut pull: impl FnMut(&Self, usize, usize, [&mut [f32]; 2]),
+        fill: impl FnOnce(&Self, usize, &mut [[Plane<f32>; 2]; 2]),
     ) -> Matrix2<f64> {
-        let radius = self.kernels.radius();
-        let (width, height) = (self.range.width(), self.range.height());
-        for coordinate in 0..2 {
-            let mut pulls = std::mem::take(&mut self.pulls);
-            for plane in &mut pulls {
-                plane.reset(width + 4 * radius, height + 4 * radius, 0.0);
-            }
-            let [along_x, along_y] = &mut pulls;
-            let columns = 2 * radius..2 * radius + width;
-            for y in 0..height {
-                let row_x = &mut along_x.row_mut(y + 2 * radius)[columns.clone()];
-                let row_y = &mut along_y.row_mut(y + 2 * radius)[columns.clone()];
-                pull(self, coordinate, y, [row_x, row_y]);
-            }
-            self.pulls = pulls;
-            pulp::Arch::new().dispatch(Spread(self, coordinate));
-        }
-        let [along_x, along_y] = &self.influences;
+        let margin = 2 * self.kernels.radius();
+        let (width, height) = (self.range.width() + 2 * margin, self.range.height() + 2 * margin);
+        let mut pulls = std::mem::take(&mut self.pulls);
+        pulls.iter_mut().flatten().for_each(|plane| plane.reset(width, height, 0.0));
+        fill(self, margin, &mut pulls);
+        self.pulls = pulls;
+        let [aa, ab, bb] = pulp::Arch::new().dispatch(Spread(self)).map(f64::from);
+        Matrix2::new(aa, ab, ab, bb)
+    }
+
+    /// The variances of pixels of the samples from (x, y) on, as many as there are in the row.
+    fn fill_variances(&self, [x, y]: [usize; 2], variances: &mut [f32]) {
+        let samples = &self.samples.row(y)[x..];
         let is_grey = self.light.planes.len() == 1;
-        let mut sums = [0.0; 3];
-        for y in 0..along_x.height() {
-            let rows = along_x.row(y).iter().zip(along_y.row(y)).zip(self.samples.row(y));
-            let mut of_row = [0.0; 3];
-            for (x, ((&a, &b), &sample)) in rows.enumerate() {
-                // Most of a square is beyond the window.
-                if a == 0.0 && b == 0.0 {
-                    continue;
-                }
-                let variance = if is_grey {
-                    self.light.variance(0, sample)
-                } else {
-                    self.variance(
-                        [x + self.range.x0, y + self.range.y0]
-                            .map(|place| place.cast_signed() - radius.cast_signed()),
-                    )
-                };
-                of_row[0] += variance * a * a;
-                of_row[1] += variance * a * b;
-                of_row[2] += variance * b * b;
-            }
-            for (sum, of_row) in sums.iter_mut().zip(of_row) {
-                *sum += f64::from(of_row);
-            }
+        let beyond = self.kernels.radius().cast_signed();
+        for (index, (variance, sample)) in variances.iter_mut().zip(samples).enumerate() {
+            let place = [self.range.x0 + x + index, self.range.y0 + y];
+            *variance = if is_grey {
+                self.light.variance(0, *sample)
+            } else {
+                self.variance(place.map(|place| place.cast_signed() - beyond))
+            };
         }
-        let [xx, xy, yy] = sums;
-        Matrix2::new(xx, xy, xy, yy)
     }
 }
+
+/// No vector holds more samples.
+const MOST_LANES: usize = 16;
 
 /// The gradients of a patch: compiled for the machine's vectors.
 struct Differentiate<'a, 'b>(&'a mut Gradients<'b>);
@@ -229,14 +214,9 @@ impl pulp::WithSimd for Differentiate<'_, '_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let Gradients { kernels, range, samples, x, y, strongest2, .. } = self.0;
-        let (width, height) = (range.width(), range.height());
-        x.resize(width, height, 0.0);
-        y.resize(width, height, 0.0);
-        for row in 0..height {
-            kernels.slope(simd, samples, row, true, x.row_mut(row));
-            kernels.slope(simd, samples, row, false, y.row_mut(row));
-        }
+        let Gradients { kernels, samples, x, y, strongest2, .. } = self.0;
+        kernels.slope(simd, samples, true, x);
+        kernels.slope(simd, samples, false, y);
         let mut most = Lanes::splat(simd, 0.0);
         let mut first = 0;
         while first < x.samples().len() {
@@ -249,28 +229,44 @@ impl pulp::WithSimd for Differentiate<'_, '_> {
     }
 }
 
-/// What pixels do to a coordinate, by what gradients do to it: compiled for the machine's vectors.
-struct Spread<'a, 'b>(&'a mut Gradients<'b>, usize);
+/// What pixels do to two numbers, by what gradients do to them, and with that sums over pixels: variances times
+/// what they do to both; compiled for the machine's vectors.
+struct Spread<'a, 'b>(&'a mut Gradients<'b>);
 
 impl pulp::WithSimd for Spread<'_, '_> {
-    type Output = ();
+    type Output = [f32; 3];
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) {
-        let Self(gradients, coordinate) = self;
-        let Gradients { kernels, pulls: [along_x, along_y], influences, .. } = gradients;
-        let influence = &mut influences[coordinate];
-        let reach = 2 * kernels.radius();
-        influence.resize(along_x.width() - reach, along_x.height() - reach, 0.0);
-        let mut other = std::mem::take(&mut kernels.other);
-        other.resize(influence.width(), 0.0);
-        // The same filters: a derivative's taps seen from the pixel are its negative, which no square minds.
-        for y in 0..influence.height() {
-            let out = influence.row_mut(y);
-            kernels.slope(simd, along_x, y, true, out);
-            kernels.slope(simd, along_y, y, false, &mut other);
-            out.iter_mut().zip(&other).for_each(|(sum, more)| *sum += more);
+    fn with_simd<S: Simd>(self, simd: S) -> [f32; 3] {
+        let Gradients { kernels, pulls, influences, .. } = &mut *self.0;
+        for (pulls, influences) in pulls.iter().zip(&mut *influences) {
+            // The same filters: a derivative's taps seen from the pixel are its negative, which no square minds.
+            kernels.slope(simd, &pulls[0], true, &mut influences[0]);
+            kernels.slope(simd, &pulls[1], false, &mut influences[1]);
         }
-        kernels.other = other;
+        let gradients = &*self.0;
+        let [a, b] = &gradients.influences;
+        let mut variances = [0.0; MOST_LANES];
+        let mut sums = [Lanes::splat(simd, 0.0); 3];
+        for y in 0..a[0].height() {
+            let rows = [a[0].row(y), a[1].row(y), b[0].row(y), b[1].row(y)];
+            let mut x = 0;
+            while x < rows[0].len() {
+                let a = Lanes::load_part(simd, rows[0], x) + Lanes::load_part(simd, rows[1], x);
+                let b = Lanes::load_part(simd, rows[2], x) + Lanes::load_part(simd, rows[3], x);
+                // Most of a square is beyond the window.
+                if a.abs().max(b.abs()).largest() > 0.0 {
+                    gradients.fill_variances([x, y], &mut variances);
+                    let variance = Lanes::load(simd, &variances, 0);
+                    let (weighed_a, weighed_b) = (variance * a, variance * b);
+                    sums[0] = weighed_a.mul_add(a, sums[0]);
+                    sums[1] = weighed_a.mul_add(b, sums[1]);
+                    sums[2] = weighed_b.mul_add(b, sums[2]);
+                }
+                x += S::F32_LANES;
+            }
+        }
+        let [aa, ab, bb] = sums;
+        [aa.total(), ab.total(), bb.total()]
     }
 }

@@ -8,6 +8,7 @@ use super::gradients::Gradients;
 use super::{Corner, RefineStatus};
 use crate::detect::Detection;
 use crate::geometry::ImagePoint;
+use crate::image::Plane;
 use crate::vector::{Lanes, Real};
 
 /// Weights of pixels by their distance from the corner.
@@ -128,11 +129,11 @@ impl Solved {
         iterations: u32,
     ) -> Corner {
         let Self { position, inverse, least2, .. } = *self;
-        let covariance = gradients.covariance_px2(move |gradients, coordinate, y, out| {
-            let inverse = [inverse[(coordinate, 0)], inverse[(coordinate, 1)]];
-            let arch = pulp::Arch::new();
-            arch.dispatch(Pulled { gradients, window, least2, position, inverse, y, out });
+        let covariance = gradients.covariance(|gradients, margin, pulls| {
+            let pulled = Pulled { gradients, window, least2, position, margin, pulls };
+            pulp::Arch::new().dispatch(pulled);
         });
+        let covariance = inverse * covariance * inverse.transpose();
         Corner {
             seed: *seed,
             position,
@@ -207,51 +208,66 @@ impl<W: Window> pulp::WithSimd for Summed<'_, '_, W> {
                 x += S::F32_LANES;
             }
         }
-        let [weight, xx, xy, yy, x, y, squares] = sums.map(|sum| f64::from(sum.total()));
+        let [weight, xx, xy, yy, x, y, squares] = sums;
+        let [weight, xx, xy, yy, x, y, squares] = [
+            weight.total(),
+            xx.total(),
+            xy.total(),
+            yy.total(),
+            x.total(),
+            y.total(),
+            squares.total(),
+        ]
+        .map(f64::from);
         let normal = Matrix2::new(xx, xy, xy, yy);
         Sums { weight, normal, right: Vector2::new(x, y), squares }
     }
 }
 
-/// What the gradients of a row do to a coordinate: compiled for the machine's vectors.
+/// What gradients do to the equations' right side: compiled for the machine's vectors.
 struct Pulled<'a, 'b, W> {
     gradients: &'a Gradients<'b>,
     window: W,
     least2: f32,
     position: ImagePoint,
-    /// The coordinate's row of the inverse.
-    inverse: [f64; 2],
-    y: usize,
-    out: [&'a mut [f32]; 2],
+    margin: usize,
+    pulls: &'a mut [[Plane<f32>; 2]; 2],
 }
 
 impl<W: Window> pulp::WithSimd for Pulled<'_, '_, W> {
     type Output = ();
 
     #[inline(always)]
-    #[allow(clippy::cast_possible_truncation, reason = "sums are in single precision")]
     fn with_simd<S: Simd>(self, simd: S) {
-        let Self { gradients, window, least2, position, inverse, y, out: [out_x, out_y] } = self;
-        let (dy, Row { dy: down, from_left }) = row(simd, gradients, position, y);
-        if dy.abs() >= window.radius_px() {
-            return;
-        }
+        let Self { gradients, window, least2, position, margin, pulls } = self;
         let least2 = Lanes::splat(simd, least2.max(f32::MIN_POSITIVE));
-        let [a, b] = inverse.map(|value| Lanes::splat(simd, value as f32));
-        let (row_x, row_y) = (gradients.x.row(y), gradients.y.row(y));
-        let mut x = 0;
-        while x < row_x.len() {
-            let gx = Lanes::load_part(simd, row_x, x);
-            let gy = Lanes::load_part(simd, row_y, x);
-            let dx = Lanes::load_part(simd, &gradients.columns, x) - from_left;
-            let r2 = dx.mul_add(dx, down * down);
-            let strength2 = gx.mul_add(gx, gy * gy);
-            let w = window.weight(simd, r2).where_at_least(strength2, least2);
-            let across = gx.mul_add(dx, gy * down);
-            let turned = a.mul_add(gx, b * gy);
-            (w * across.mul_add(a, turned * dx)).store_part(out_x, x);
-            (w * across.mul_add(b, turned * down)).store_part(out_y, x);
-            x += S::F32_LANES;
+        let columns = margin..margin + gradients.range.width();
+        let [[xx, xy], [yx, yy]] = pulls;
+        for y in 0..gradients.range.height() {
+            let (dy, Row { dy: down, from_left }) = row(simd, gradients, position, y);
+            if dy.abs() >= window.radius_px() {
+                continue;
+            }
+            let (row_x, row_y) = (gradients.x.row(y), gradients.y.row(y));
+            let out_xx = &mut xx.row_mut(y + margin)[columns.clone()];
+            let out_xy = &mut xy.row_mut(y + margin)[columns.clone()];
+            let out_yx = &mut yx.row_mut(y + margin)[columns.clone()];
+            let out_yy = &mut yy.row_mut(y + margin)[columns.clone()];
+            let mut x = 0;
+            while x < row_x.len() {
+                let gx = Lanes::load_part(simd, row_x, x);
+                let gy = Lanes::load_part(simd, row_y, x);
+                let dx = Lanes::load_part(simd, &gradients.columns, x) - from_left;
+                let r2 = dx.mul_add(dx, down * down);
+                let strength2 = gx.mul_add(gx, gy * gy);
+                let w = window.weight(simd, r2).where_at_least(strength2, least2);
+                let across = gx.mul_add(dx, gy * down);
+                (w * gx.mul_add(dx, across)).store_part(out_xx, x);
+                (w * gx * down).store_part(out_xy, x);
+                (w * gy * dx).store_part(out_yx, x);
+                (w * gy.mul_add(down, across)).store_part(out_yy, x);
+                x += S::F32_LANES;
+            }
         }
     }
 }
