@@ -161,14 +161,29 @@ impl<'a, T> View<'a, T> {
 impl Plane<f32> {
     /// Bilinear interpolation at `point`, the border pixels continued outwards.
     pub fn bilinear(&self, point: ImagePoint) -> f64 {
-        let (x0, y0) = (point.x.floor(), point.y.floor());
-        let (fx, fy) = (point.x - x0, point.y - y0);
-        #[allow(clippy::cast_possible_truncation, reason = "saturates, then clamps to the border")]
-        let (x, y) = (x0 as isize, y0 as isize);
-        let at = |dx, dy| f64::from(self.at_replicated(x.saturating_add(dx), y.saturating_add(dy)));
-        (1.0 - fy) * ((1.0 - fx) * at(0, 0) + fx * at(1, 0))
-            + fy * ((1.0 - fx) * at(0, 1) + fx * at(1, 1))
+        let ((x, fx), (y, fy)) = (whole_and_rest(point.x), whole_and_rest(point.y));
+        let (last_x, last_y) = (self.width.cast_signed() - 1, self.height.cast_signed() - 1);
+        let [a, b, c, d] = if (0..last_x).contains(&x) && (0..last_y).contains(&y) {
+            let first = y.cast_unsigned() * self.width + x.cast_unsigned();
+            let (upper, lower) = (&self.samples[first..], &self.samples[first + self.width..]);
+            [upper[0], upper[1], lower[0], lower[1]]
+        } else {
+            [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(right, down)| {
+                self.at_replicated(x.saturating_add(right), y.saturating_add(down))
+            })
+        }
+        .map(f64::from);
+        (1.0 - fy) * ((1.0 - fx) * a + fx * b) + fy * ((1.0 - fx) * c + fx * d)
     }
+}
+
+/// The largest whole number that is no larger, and what is left; without a call for each of them.
+#[inline(always)]
+fn whole_and_rest(value: f64) -> (isize, f64) {
+    #[allow(clippy::cast_possible_truncation, reason = "saturates, then clamps to the border")]
+    let towards_zero = value as isize;
+    let whole = towards_zero.saturating_sub(isize::from((towards_zero as f64) > value));
+    (whole, value - whole as f64)
 }
 
 impl Plane<bool> {

@@ -177,20 +177,18 @@ impl Fitter {
                 continue;
             }
             let is_ordered = (0..next.count).all(|ray| next.opening_rad(ray) > LEAST_OPENING_RAD);
-            let trial = if is_ordered && shift_px <= freedom.max_shift_px {
-                self.state(samples, &next, freedom)
-            } else {
-                None
-            };
+            let is_junction = is_ordered && shift_px <= freedom.max_shift_px;
+            if is_junction && moved_px <= freedom.epsilon_px && damping <= 1e-2 {
+                // So short a step changes nothing else: what is known from before it holds behind it.
+                state.rays = next;
+                converged = true;
+                break;
+            }
+            let trial = if is_junction { self.state(samples, &next, freedom) } else { None };
             match trial {
                 Some(trial) if trial.chi2 <= state.chi2 * (1.0 + 1e-6) => {
-                    let is_free = damping <= 1e-2;
                     state = trial;
                     damping = (0.1 * damping).max(1e-9);
-                    if moved_px <= freedom.epsilon_px && is_free {
-                        converged = true;
-                        break;
-                    }
                 }
                 _ => {
                     // Where a step no longer than this makes it worse, only rounding is left.
@@ -292,14 +290,11 @@ impl Fitter {
         let arch = pulp::Arch::new();
         let mut products = Products::zeros();
         arch.dispatch(Basis { fields, columns, samples, channel, rays, per_sector });
-        let active: [usize; MOST_LEVELS] = std::array::from_fn(|index| index);
-        let count = per_sector * rays.count;
-        for row in 0..count {
-            let others = &active[..=row];
-            arch.dispatch(Multiply { columns, products: &mut products, row, others });
-        }
-        let others = &active[..count];
-        arch.dispatch(Multiply { columns, products: &mut products, row: REST, others });
+        let levels: [usize; MOST_LEVELS] = std::array::from_fn(|index| index);
+        let levels = &levels[..per_sector * rays.count];
+        arch.dispatch(Multiply { columns, products: &mut products, rows: levels, others: levels });
+        let rest = &[REST];
+        arch.dispatch(Multiply { columns, products: &mut products, rows: rest, others: levels });
         products
     }
 
@@ -316,18 +311,14 @@ impl Fitter {
         let Self { fields, columns } = self;
         let arch = pulp::Arch::new();
         arch.dispatch(Shape { fields, columns, samples, channel, rays, per_sector, levels });
-        let mut active: [usize; COLUMNS] = std::array::from_fn(|index| index);
-        let count = per_sector * rays.count;
-        for index in 0..3 + rays.count {
-            let row = MOST_LEVELS + index;
-            active[count + index] = row;
-            let others = &active[..=count + index];
-            arch.dispatch(Multiply { columns, products, row, others });
-        }
-        let all = count + 3 + rays.count;
-        active[all] = REST;
-        let others = &active[..=all];
-        arch.dispatch(Multiply { columns, products, row: REST, others });
+        let shape = 3 + rays.count;
+        let of_shape: [usize; MOST_SHAPE + 1] =
+            std::array::from_fn(|index| if index < shape { MOST_LEVELS + index } else { REST });
+        let rows = &of_shape[..=shape];
+        arch.dispatch(Multiply { columns, products, rows, others: rows });
+        let levels: [usize; MOST_LEVELS] = std::array::from_fn(|index| index);
+        let others = &levels[..per_sector * rays.count];
+        arch.dispatch(Multiply { columns, products, rows, others });
     }
 
     /// The levels that fit samples best, of rays that are known; `None` where they do not determine them.

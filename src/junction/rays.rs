@@ -101,11 +101,19 @@ impl Places {
             self.x.extend((0..width).map(|x| (x as f64 + right) as f32));
             self.y.resize(self.x.len(), (y as f64 + down) as f32);
         }
+        self.pad();
+    }
+
+    /// Fills the last vector with places in the middle.
+    pub fn pad(&mut self) {
         let count = self.x.len().next_multiple_of(16);
         self.x.resize(count, 0.0);
         self.y.resize(count, 0.0);
     }
 }
+
+/// In units of the blur: what a Gaussian still has there, less than 1e-9, single precision does not know.
+const FAR: f32 = 6.0;
 
 /// So near to the vertex nothing is different.
 const NEXT_TO_PX: f32 = 1e-6;
@@ -154,13 +162,9 @@ impl pulp::WithSimd for Compute<'_> {
     fn with_simd<S: Simd>(self, simd: S) {
         let Self { fields, rays, places, area } = self;
         let count = places.x.len();
-        for field in [&mut fields.share, &mut fields.line, &mut fields.moment] {
-            for of_one in &mut field[..rays.count] {
-                of_one.resize(count, 0.0);
-            }
-        }
-        for of_one in &mut fields.second_moment[..rays.count] {
-            of_one.resize(count, 0.0);
+        let Fields { share, line, moment, second_moment } = fields;
+        for field in [&mut *share, line, moment, second_moment] {
+            field[..rays.count].iter_mut().for_each(|of_one| of_one.resize(count, 0.0));
         }
         let splat = |value: f64| Lanes::splat(simd, value as f32);
         let zero = splat(0.0);
@@ -190,9 +194,9 @@ impl pulp::WithSimd for Compute<'_> {
                 let terms = Terms::of(simd, u, w, &squares[ray]);
                 halves[ray] = terms.half;
                 signs[ray] = splat(0.5).copysign(w);
-                terms.line.store(&mut fields.line[ray], first);
-                terms.moment.store(&mut fields.moment[ray], first);
-                terms.second_moment.store(&mut fields.second_moment[ray], first);
+                terms.line.store(&mut line[ray], first);
+                terms.moment.store(&mut moment[ray], first);
+                terms.second_moment.store(&mut second_moment[ray], first);
             }
             let mut rest = splat(1.0);
             for sector in 0..rays.count {
@@ -201,11 +205,11 @@ impl pulp::WithSimd for Compute<'_> {
                 }
                 let next = rays.next(sector);
                 let differ = (signs[sector] - signs[next]).abs() * 0.5;
-                let share = halves[sector] - halves[next] + differ;
-                rest = rest - share;
-                share.store(&mut fields.share[sector], first);
+                let of_sector = halves[sector] - halves[next] + differ;
+                rest = rest - of_sector;
+                of_sector.store(&mut share[sector], first);
             }
-            rest.store(&mut fields.share[widest], first);
+            rest.store(&mut share[widest], first);
             first += S::F32_LANES;
         }
     }
@@ -272,6 +276,11 @@ impl<S: Simd> Terms<Lanes<S>> {
         const PER_TURN: f32 = 0.5 * std::f32::consts::FRAC_1_PI;
         let splat = |value: f32| Lanes::splat(simd, value);
         let one = splat(1.0);
+        // Beside the ray and behind its start nothing changes.
+        if w.abs().max(splat(0.0) - u).least() >= FAR {
+            let (half, none) = (splat(0.25).copysign(w) + 0.25, splat(0.0));
+            return Self { half, line: none, moment: none, second_moment: none };
+        }
         let (bell_u, bell_w) = (bell(simd, u * u * -0.5), bell(simd, w * w * -0.5));
         let (below_u, below_w) = (normal_cdf(simd, u, bell_u), normal_cdf(simd, w, bell_w));
 
@@ -282,9 +291,12 @@ impl<S: Simd> Terms<Lanes<S>> {
         let ratio = small / large;
         let (ratio2, exponent) = (ratio * ratio, small * small * -0.5);
         let mut sum = splat(0.0);
-        for (node, weight) in NODES {
-            let share = bell(simd, exponent * (node * node)) * weight;
-            sum = sum + share / (ratio2 * (node * node) + 1.0);
+        // Far from its start T's integral is nothing.
+        if large.least() < FAR {
+            for (node, weight) in NODES {
+                let share = bell(simd, exponent * (node * node)) * weight;
+                sum = sum + share / (ratio2 * (node * node) + 1.0);
+            }
         }
         let within = ratio * PER_TURN * bell_u.min(bell_w) * sum;
         let (p, q) = (below_w.max(one - below_w), below_u.max(one - below_u));
@@ -306,11 +318,11 @@ impl<S: Simd> Terms<Lanes<S>> {
     }
 }
 
-/// exp(x) of negative x, and 0 from -40 on: products of two are still far from the smallest numbers, with
-/// which machines are slow.
+/// exp(x) of negative x, and 0 from -24 on, where single precision does not know it: products of four are still
+/// far from the smallest numbers, with which machines are slow.
 #[inline(always)]
 fn bell<S: Simd>(simd: S, x: Lanes<S>) -> Lanes<S> {
-    x.exp().where_at_least(x, Lanes::splat(simd, -40.0))
+    x.exp().where_at_least(x, Lanes::splat(simd, -24.0))
 }
 
 /// The normal distribution function at x, of which exp(-x^2 / 2) is known.

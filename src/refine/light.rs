@@ -16,15 +16,25 @@ pub struct Light<'a> {
     decode: LinearLight,
     /// Variance at so many shares of full scale, evenly spaced, in each channel.
     variances: [[f32; VARIANCES + 1]; 3],
+    /// The reciprocals of their roots.
+    weights: [[f32; VARIANCES + 1]; 3],
 }
 
 const VARIANCES: usize = 64;
+
+/// Which of them.
+#[inline(always)]
+fn step(expected: f32) -> usize {
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a share")]
+    let step = (expected.clamp(0.0, 1.0) * VARIANCES as f32) as usize;
+    step
+}
 
 impl<'a> Light<'a> {
     /// That of an exposure.
     pub fn new(exposure: &'a Exposure) -> Self {
         let planes = exposure.channels();
-        let mut variances = [[0.0; VARIANCES + 1]; 3];
+        let mut variances = [[1.0; VARIANCES + 1]; 3];
         for (channel, variances) in variances[..planes.len()].iter_mut().enumerate() {
             for (share, variance) in variances.iter_mut().enumerate() {
                 #[allow(clippy::cast_possible_truncation, reason = "samples are f32")]
@@ -33,7 +43,8 @@ impl<'a> Light<'a> {
                 *variance = value.max(1e-12);
             }
         }
-        Self { exposure, planes, decode: exposure.linear_light(), variances }
+        let weights = variances.map(|of_one| of_one.map(|variance| 1.0 / variance.sqrt()));
+        Self { exposure, planes, decode: exposure.linear_light(), variances, weights }
     }
 
     /// Whether a place is in the image.
@@ -51,9 +62,13 @@ impl<'a> Light<'a> {
     /// The variance of a channel's light, by its expected value.
     #[inline(always)]
     pub fn variance(&self, channel: usize, expected: f32) -> f32 {
-        let share = expected.clamp(0.0, 1.0) * VARIANCES as f32;
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a share")]
-        self.variances[channel][share as usize]
+        self.variances[channel][step(expected)]
+    }
+
+    /// The reciprocal of the standard deviation of a channel's light, by its expected value.
+    #[inline(always)]
+    pub fn weight(&self, channel: usize, expected: f32) -> f32 {
+        self.weights[channel][step(expected)]
     }
 
     /// The standard deviation of a sample of each channel at a pixel \[DN\].

@@ -8,6 +8,8 @@ use crate::junction::rays::{MOST_RAYS, Rays};
 const RADII_PX: [f64; 4] = [4.5, 6.5, 8.5, 10.5];
 /// Places on a circle.
 const PLACES: usize = 64;
+/// From one to the next \[rad\].
+const TURN: f64 = std::f64::consts::TAU / PLACES as f64;
 /// Edges on a circle, and edges in all.
 const MOST_CROSSINGS: usize = 8;
 const MOST_EDGES: usize = 16;
@@ -43,11 +45,28 @@ pub struct Start {
 }
 
 /// Starts about a seed, the best first; few, or none.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct Starts {
     pub found: Vec<Start>,
+    /// Cosines and sines of the places on a circle.
+    turns: [[f64; 2]; PLACES],
     crossings: [Vec<Crossing>; 4],
     edges: Vec<Edge>,
+}
+
+impl Default for Starts {
+    fn default() -> Self {
+        let turn = |place: usize| {
+            let (sine, cosine) = (TURN * place as f64).sin_cos();
+            [cosine, sine]
+        };
+        Self {
+            found: Vec::new(),
+            turns: std::array::from_fn(turn),
+            crossings: Default::default(),
+            edges: Vec::new(),
+        }
+    }
 }
 
 impl Starts {
@@ -60,7 +79,7 @@ impl Starts {
         max_shift_px: f64,
     ) {
         for (radius_px, crossings) in RADII_PX.into_iter().zip(&mut self.crossings) {
-            cross(planes, deviations, seed, radius_px, crossings);
+            cross(planes, deviations, seed, radius_px, &self.turns, crossings);
         }
         self.connect();
         self.meet(max_shift_px);
@@ -201,9 +220,9 @@ fn cross(
     deviations: &[f64; 3],
     middle: ImagePoint,
     radius_px: f64,
+    turns: &[[f64; 2]; PLACES],
     crossings: &mut Vec<Crossing>,
 ) {
-    const TURN: f64 = std::f64::consts::TAU / PLACES as f64;
     crossings.clear();
     // To each side of a place a mean over so much of the circle.
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a few")]
@@ -211,7 +230,7 @@ fn cross(
     let mut steps = [[0.0; 3]; PLACES];
     for (channel, plane) in planes.iter().enumerate() {
         let samples: [f64; PLACES] = std::array::from_fn(|place| {
-            let (sine, cosine) = (TURN * place as f64).sin_cos();
+            let [cosine, sine] = turns[place];
             plane.bilinear(ImagePoint::new(
                 middle.x + radius_px * cosine,
                 middle.y + radius_px * sine,

@@ -217,6 +217,11 @@ impl Exposure {
         Self { mosaic: Some(origin.map(|place| place % 2)), ..self }
     }
 
+    /// Whether only one channel of each pixel was measured.
+    pub fn has_mosaic(&self) -> bool {
+        self.mosaic.is_some()
+    }
+
     /// Whether a sample of a channel is the sensor's own, not made of its neighbours.
     #[inline(always)]
     pub fn is_measured(&self, channel: usize, x: usize, y: usize) -> bool {

@@ -139,38 +139,55 @@ impl pulp::WithSimd for Shape<'_> {
     }
 }
 
-/// Inner products of a column with others.
+/// Inner products of columns with others.
 pub(super) struct Multiply<'a> {
     pub columns: &'a [f32],
     pub products: &'a mut Products,
-    pub row: usize,
+    pub rows: &'a [usize],
     pub others: &'a [usize],
 }
+
+/// So many columns by so many others: their sums are in registers, a column is read for several of them.
+const TILE: [usize; 2] = [3, 4];
 
 impl pulp::WithSimd for Multiply<'_> {
     type Output = ();
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let Self { columns, products, row, others } = self;
+        let Self { columns, products, rows, others } = self;
         let count = columns.len() / COLUMNS;
-        for of_four in others.chunks(4) {
-            // Those that are no more are the first again.
-            let four = [0, 1, 2, 3].map(|i| of_four[if i < of_four.len() { i } else { 0 }]);
-            let mut sums = [Lanes::splat(simd, 0.0); 4];
-            let mut first = 0;
-            while first < count {
-                let value = Lanes::load(simd, columns, row * count + first);
-                for (sum, other) in sums.iter_mut().zip(four) {
-                    let other = Lanes::load(simd, columns, other * count + first);
-                    *sum = value.mul_add(other, *sum);
+        let column = |index: usize| &columns[index * count..][..count];
+        for of_rows in rows.chunks(TILE[0]) {
+            for of_others in others.chunks(TILE[1]) {
+                // Those that are no more are the first again.
+                let of_tile: [usize; TILE[0]] =
+                    std::array::from_fn(|i| of_rows[if i < of_rows.len() { i } else { 0 }]);
+                let by: [usize; TILE[1]] =
+                    std::array::from_fn(|i| of_others[if i < of_others.len() { i } else { 0 }]);
+                let (rows, others) = (of_tile.map(column), by.map(column));
+                let mut sums = [[Lanes::splat(simd, 0.0); TILE[1]]; TILE[0]];
+                let mut first = 0;
+                while first < count {
+                    let mut values = [Lanes::splat(simd, 0.0); TILE[1]];
+                    for (value, other) in values.iter_mut().zip(others) {
+                        *value = Lanes::load(simd, other, first);
+                    }
+                    for (sums, row) in sums.iter_mut().zip(rows) {
+                        let value = Lanes::load(simd, row, first);
+                        for (sum, other) in sums.iter_mut().zip(values) {
+                            *sum = value.mul_add(other, *sum);
+                        }
+                    }
+                    first += S::F32_LANES;
                 }
-                first += S::F32_LANES;
-            }
-            for (other, sum) in four.into_iter().zip(sums) {
-                let value = f64::from(sum.total());
-                products[(row, other)] = value;
-                products[(other, row)] = value;
+                for (row, sums) in of_tile.into_iter().zip(sums) {
+                    for (other, sum) in by.into_iter().zip(sums) {
+                        let value = f64::from(sum.total());
+                        products[(row, other)] = value;
+                        products[(other, row)] = value;
+                    }
+                }
             }
         }
     }
