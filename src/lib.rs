@@ -22,6 +22,7 @@ pub mod junction;
 pub mod matching;
 pub mod metrics;
 pub mod plan;
+pub mod random;
 pub mod record;
 pub mod refine;
 pub mod registry;

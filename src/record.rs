@@ -2,10 +2,13 @@
 //!
 //! The columns are described in `scenes/FORMAT.md`. A value that does not apply is null, never NaN.
 
+use std::collections::BTreeMap;
 use std::fs::File;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use parquet::column::writer::ColumnCloseResult;
+use parquet::file::metadata::{ParquetMetaData, ParquetMetaDataReader};
 use parquet::file::properties::WriterProperties;
 use parquet::file::reader::{FileReader, SerializedFileReader};
 use parquet::file::writer::SerializedFileWriter;
@@ -19,7 +22,7 @@ use crate::geometry::ImagePoint;
 use crate::sensor::{CameraModel, RangeSensor};
 
 /// Version of the columns.
-pub const RECORD_VERSION: i32 = 3;
+pub const RECORD_VERSION: i32 = 4;
 
 /// What a row is about: the words of column `kind`.
 pub mod kind {
@@ -33,6 +36,14 @@ pub mod kind {
     pub const GRASP: &str = "grasp";
     /// A scene that could not be read.
     pub const SCENE: &str = "scene";
+}
+
+/// What is judged: the words of column `track`.
+pub mod track {
+    /// A detector, and a refiner of its answers.
+    pub const END_TO_END: &str = "end_to_end";
+    /// A refiner alone: seeds are given.
+    pub const REFINEMENT: &str = "refinement";
 }
 
 /// What became of it: the words of column `status`.
@@ -89,12 +100,24 @@ pub struct Record {
     pub split: Option<String>,
     /// Name of the camera model.
     pub camera: String,
+    /// Which of the camera's photographs of the scene: phase by phase, at each the repeats.
+    pub exposure: Option<i32>,
+    /// Where in the film's image the centre of pixel (0, 0) is \[px\].
+    pub phase_x_px: Option<f64>,
+    /// Where in the film's image the centre of pixel (0, 0) is \[px\].
+    pub phase_y_px: Option<f64>,
+    /// Standard deviation of the camera's blur and the pixel's area along one axis \[px\].
+    pub blur_px: Option<f64>,
     /// Name of the pipeline.
     pub method: String,
+    /// One of [`track`].
+    pub track: String,
+    /// On the refinement track the radius of the disc about the true corner in which seeds are \[px\].
+    pub seed_disc_px: Option<f64>,
     /// Target extractor and its version: "red_difference 1"; null where the whole image is searched.
     pub target_extractor: Option<String>,
-    /// Detector and its version.
-    pub detector: String,
+    /// Detector and its version; null on the refinement track.
+    pub detector: Option<String>,
     /// Refiner and its version.
     pub refiner: String,
     /// Face selector and its version; null of a pipeline that ends with corners.
@@ -179,6 +202,10 @@ pub struct Record {
     pub detected_error_px: Option<f64>,
     /// Distance of the refiner's position from the truth \[px\].
     pub refined_error_px: Option<f64>,
+    /// Its part along the bisector of the corner's smallest angle, positive into the angle \[px\].
+    pub refined_along_px: Option<f64>,
+    /// Its part across that, positive where that axis turned from x towards y by a quarter points \[px\].
+    pub refined_across_px: Option<f64>,
 
     /// Answers of the method in this exposure.
     pub answers: Option<i32>,
@@ -211,24 +238,69 @@ pub struct Record {
     pub grasp_lateral_error_mm: Option<f64>,
 }
 
-/// Writes records as one Parquet file.
+/// Writes records as one Parquet file, in one group of rows.
 ///
 /// # Errors
-/// [`Error::Io`], or [`Error::Other`] from the encoder.
+/// [`Error::Io`], or [`Error::Malformed`] from the encoder.
 pub fn write_records(path: &Path, records: &[Record]) -> Result<()> {
-    let file = File::create(path).map_err(Error::io(path, "create"))?;
     let failed = |error| Error::malformed(path, error);
-    let schema = records.schema().map_err(failed)?;
-    let properties = WriterProperties::builder()
-        .set_compression(parquet::basic::Compression::SNAPPY)
-        .set_created_by(concat!("cornerbench ", env!("CARGO_PKG_VERSION")).to_owned())
-        .build();
-    let mut writer =
-        SerializedFileWriter::new(file, schema, Arc::new(properties)).map_err(failed)?;
+    let mut writer = writer(path)?;
     let mut group = writer.next_row_group().map_err(failed)?;
     records.write_to_row_group(&mut group).map_err(failed)?;
     group.close().map_err(failed)?;
     writer.close().map_err(failed)?;
+    Ok(())
+}
+
+fn writer(path: &Path) -> Result<SerializedFileWriter<File>> {
+    let file = File::create(path).map_err(Error::io(path, "create"))?;
+    let failed = |error| Error::malformed(path, error);
+    let none: &[Record] = &[];
+    let schema = none.schema().map_err(failed)?;
+    let properties = WriterProperties::builder()
+        .set_compression(parquet::basic::Compression::SNAPPY)
+        .set_created_by(concat!("cornerbench ", env!("CARGO_PKG_VERSION")).to_owned())
+        .build();
+    SerializedFileWriter::new(file, schema, Arc::new(properties)).map_err(failed)
+}
+
+/// Writes one Parquet file of groups of rows that others have, each named by its file and its place there, as
+/// they are: the bytes do not depend on where a group comes from.
+///
+/// # Errors
+/// [`Error::Io`], or [`Error::Malformed`] where a file is no Parquet or has no such group.
+pub fn join_records<'a>(
+    path: &Path,
+    groups: impl Iterator<Item = (&'a Path, usize)>,
+) -> Result<()> {
+    let mut writer = writer(path)?;
+    let mut open: Option<(&Path, File, ParquetMetaData)> = None;
+    for (from, index) in groups {
+        let failed = |error| Error::malformed(from, error);
+        if open.as_ref().is_none_or(|(path, ..)| *path != from) {
+            let file = File::open(from).map_err(Error::io(from, "read"))?;
+            let metadata = ParquetMetaDataReader::new().parse_and_finish(&file).map_err(failed)?;
+            open = Some((from, file, metadata));
+        }
+        let Some((_, file, metadata)) = &open else { continue };
+        let Some(group) = metadata.row_groups().get(index) else {
+            return Err(Error::malformed(from, format!("has no group of rows {index}")));
+        };
+        let mut joined = writer.next_row_group().map_err(failed)?;
+        for column in group.columns() {
+            let copied = ColumnCloseResult {
+                bytes_written: column.compressed_size().unsigned_abs(),
+                rows_written: group.num_rows().unsigned_abs(),
+                metadata: column.clone(),
+                bloom_filter: None,
+                column_index: None,
+                offset_index: None,
+            };
+            joined.append_column(file, copied).map_err(failed)?;
+        }
+        joined.close().map_err(failed)?;
+    }
+    writer.close().map_err(|error| Error::malformed(path, error))?;
     Ok(())
 }
 
@@ -268,12 +340,20 @@ pub struct RunDescription {
     pub plan: String,
     /// Every pipeline with its algorithms' names, versions and parameters, defaults included.
     pub pipelines: Vec<serde_json::Value>,
-    /// The camera model's values.
-    pub camera_model: CameraModel,
+    /// The cameras by name.
+    pub cameras: BTreeMap<String, CameraModel>,
+    /// Places of the pixels' grid on the image.
+    pub phases: u32,
+    /// Photographs at each.
+    pub repeats: u32,
     /// The suite that was measured.
     pub suite: String,
-    /// Name of the camera model.
-    pub camera: String,
+    /// Its scenes, or those of one split, in the order of the records; of a shard too, which has only some.
+    pub scenes: Vec<String>,
+    /// Which of them were measured, where not all: every N-th from number I, "I/N".
+    pub shard: Option<String>,
+    /// Hash of all that decides what is measured: runs of one hash can be merged.
+    pub identity_sha256: String,
     /// The range sensor's values.
     pub range_sensor_model: RangeSensor,
     /// Name of the range sensor.
@@ -304,8 +384,13 @@ pub fn read_run(run: &Path) -> Result<RunDescription> {
 ///
 /// # Errors
 /// When it is missing or not one.
-pub fn read_sketch(run: &Path, scene: &str, method: &str) -> Result<Sketch> {
-    read_json(&run.join("scenes").join(scene).join(format!("{method}.json")))
+pub fn read_sketch(run: &Path, scene: &str, camera: &str, method: &str) -> Result<Sketch> {
+    read_json(&pictures_folder(run, scene, camera).join(format!("{method}.json")))
+}
+
+/// Where a run keeps what a report draws of a scene's first photograph by a camera.
+pub fn pictures_folder(run: &Path, scene: &str, camera: &str) -> PathBuf {
+    run.join("scenes").join(scene).join(camera)
 }
 
 fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T> {
@@ -313,7 +398,7 @@ fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T> {
     serde_json::from_slice(&bytes).map_err(|error| Error::malformed(path, error))
 }
 
-/// What a report draws of one scene and method, beside its records; RUN/scenes/SCENE/METHOD.json.
+/// What a report draws of one scene and method, beside its records; RUN/scenes/SCENE/CAMERA/METHOD.json.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Sketch {
     /// The scene.

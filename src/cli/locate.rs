@@ -6,7 +6,7 @@ use super::{Ended, Global, print_line, project};
 use crate::detect::Detection;
 use crate::error::{Error, Result};
 use crate::geometry::ImagePoint;
-use crate::plan::Plan;
+use crate::plan::{Plan, Seeds};
 use crate::sensor::Exposure;
 
 #[derive(clap::Args)]
@@ -43,7 +43,13 @@ pub(super) fn run(global: &Global, options: &Options) -> Result<Ended> {
         }
     }
     let seeds: Vec<Detection> = if options.at.is_empty() && options.points.is_none() {
-        pipeline.detect.algorithm.detect(&exposure, None)
+        let Seeds::Detected { detect, .. } = &pipeline.seeds else {
+            return Err(Error::Other(format!(
+                "plan {}: its first pipeline has no detector; choose another --plan, or give --at X,Y",
+                options.plan
+            )));
+        };
+        detect.algorithm.detect(&exposure, None)
     } else {
         points.into_iter().map(|point| Detection::new(point, 0.0)).collect()
     };

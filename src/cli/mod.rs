@@ -9,6 +9,7 @@ mod limits;
 mod list;
 mod locate;
 mod measure;
+mod merge;
 mod progress;
 mod project;
 mod quickstart;
@@ -74,6 +75,8 @@ enum Command {
     Render(render::Options),
     /// Run a plan's pipelines over a rendered dataset and score them against truth.
     Measure(measure::Options),
+    /// Make the shards of a run one: the same records as an unsharded run has, byte for byte.
+    Merge(merge::Options),
     /// Write the report of a run again, from its records.
     Report(report::Options),
     /// Check a dataset's integrity, and that renderer, reader and projection agree to 0.01 px.
@@ -129,6 +132,7 @@ fn run(arguments: &Arguments) -> Result<Ended> {
         Command::Setup(options) => setup::run(global, options),
         Command::Render(options) => render::run(global, options),
         Command::Measure(options) => measure::run(global, options),
+        Command::Merge(options) => merge::run(global, options),
         Command::Report(options) => report::run(global, options),
         Command::Verify(options) => verify::run(global, options),
         Command::Expose(options) => expose::run(global, options),

@@ -3,6 +3,7 @@
 use super::measure::measure;
 use super::{Ended, Global, default_output, render};
 use crate::error::Result;
+use crate::run::Choice;
 use crate::scene::Dataset;
 
 const SUITE: &str = "quick";
@@ -18,6 +19,6 @@ pub(super) fn run(global: &Global, _: &Options) -> Result<Ended> {
     if rendered == Ended::Interrupted {
         return Ok(rendered);
     }
-    let measured = measure(global, PLAN, &Dataset::open(&folder)?, None, &output)?;
+    let measured = measure(global, PLAN, &Dataset::open(&folder)?, Choice::default(), &output)?;
     Ok(if rendered == Ended::Well { measured } else { rendered })
 }

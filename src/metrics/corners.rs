@@ -200,6 +200,12 @@ impl<'a> Seen<'a> {
         (place, None)
     }
 
+    /// The corners asked for, in the order of their index.
+    pub fn asked(&self, rule: CornerRule) -> impl Iterator<Item = &'a TrueCorner> {
+        let corners = self.truth.corners.iter();
+        corners.filter(move |corner| self.unasked(corner, rule).is_none())
+    }
+
     /// Why a corner is not asked for; `None` where it is.
     fn unasked(&self, corner: &TrueCorner, rule: CornerRule) -> Option<Fate> {
         if corner.visibility != Visibility::Visible {
@@ -222,8 +228,7 @@ impl<'a> Seen<'a> {
 /// far away is charged with the whole distance instead of losing the match.
 pub fn score_corners(seen: &Seen<'_>, answers: &[Corner], rule: CornerRule) -> CornerScores {
     let truth = seen.truth;
-    let asked: Vec<&TrueCorner> =
-        truth.corners.iter().filter(|corner| seen.unasked(corner, rule).is_none()).collect();
+    let asked: Vec<&TrueCorner> = seen.asked(rule).collect();
     let asked_points: Vec<_> = asked.iter().map(|corner| corner.image_point_px).collect();
     let detected: Vec<_> = answers.iter().map(|corner| corner.seed.point).collect();
     let matched = assign(&asked_points, &detected, rule.gate_px);
@@ -267,6 +272,24 @@ pub fn score_corners(seen: &Seen<'_>, answers: &[Corner], rule: CornerRule) -> C
         scores.others.push(OtherScore { answer, place, nearest_corner_px });
     }
     scores
+}
+
+/// Measures answers to seeds that were given: one for each of the corners that [`Seen::asked`] names, in its order.
+pub fn score_seeded(seen: &Seen<'_>, answers: &[Corner], rule: CornerRule) -> CornerScores {
+    let mut given = answers.iter().enumerate();
+    let corners = seen.truth.corners.iter().map(|corner| {
+        let unasked = seen.unasked(corner, rule);
+        let answer = if unasked.is_none() { given.next() } else { None };
+        let error_px = |point: ImagePoint| point.distance_px(corner.image_point_px);
+        CornerScore {
+            fate: unasked.unwrap_or(if answer.is_some() { Fate::Found } else { Fate::Missed }),
+            answer: answer.map(|(index, _)| index),
+            found_at_response: None,
+            detected_error_px: answer.map(|(_, answer)| error_px(answer.seed.point)),
+            refined_error_px: answer.map(|(_, answer)| error_px(answer.position)),
+        }
+    });
+    CornerScores { corners: corners.collect(), others: Vec::new(), false_junctions: Vec::new() }
 }
 
 /// Of each corner the largest threshold on the response with which it is found.

@@ -5,5 +5,6 @@ mod grasp;
 
 pub use corners::{
     CornerRule, CornerScore, CornerScores, Fate, OtherScore, Place, Seen, score_corners,
+    score_seeded,
 };
 pub use grasp::{GraspError, covered_face, grasp_error};

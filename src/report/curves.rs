@@ -51,7 +51,7 @@ fn draw_panel<'a>(
     all: &[&MethodSummary],
 ) -> Outcome<'a> {
     let own = &method.detection.sweeps[0];
-    let name = format!("{}: {:.2}", method.method, own.average_precision);
+    let name = format!("{}: {:.2}", method.label, own.average_precision);
     let mut chart = ChartBuilder::on(panel)
         .margin(8)
         .caption(name, ("sans-serif", 15))
@@ -66,7 +66,7 @@ fn draw_panel<'a>(
         .x_desc("recall")
         .y_desc("precision")
         .draw()?;
-    for other in all.iter().filter(|other| other.method != method.method) {
+    for other in all.iter().filter(|other| other.label != method.label) {
         chart.draw_series(LineSeries::new(line(&other.detection.sweeps[0]), OTHERS))?;
     }
     chart.draw_series(LineSeries::new(line(own), OWN.stroke_width(2)))?;

@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use crate::error::{Error, Result};
 use crate::geometry::ImagePoint;
-use crate::record::{Record, Sketch};
+use crate::record::{Record, Sketch, pictures_folder};
 use crate::report::svg::{Drawing, Marker, View, png_address};
 
 /// How wide a figure is drawn on a screen \[screen px\].
@@ -29,14 +29,15 @@ pub(super) struct Figure {
     pub svg: String,
 }
 
-/// Draws the figures of one scene and method.
+/// Draws the figures of one scene, camera and method.
 pub(super) fn draw(
     run: &Path,
+    camera: &str,
     method: &str,
     sketch: &Sketch,
     rows: &[&Record],
 ) -> Result<Vec<Figure>> {
-    let folder = run.join("scenes").join(&sketch.scene);
+    let folder = pictures_folder(run, &sketch.scene, camera);
     let png = |name: &str| -> Result<String> {
         let path = folder.join(name);
         Ok(png_address(&fs::read(&path).map_err(Error::io(&path, "read"))?))
@@ -45,7 +46,7 @@ pub(super) fn draw(
     let whole = View { x: -0.5, y: -0.5, width: f64::from(width), height: f64::from(height) };
     let close = close_up(sketch);
     let exposure = png("exposure.png")?;
-    let name = |part: &str| format!("{method}-{}-{part}.svg", sketch.scene);
+    let name = |part: &str| format!("{method}-{camera}-{}-{part}.svg", sketch.scene);
     let mut figures = Vec::new();
     let mut add = |group: &'static str, part: &str, caption: String, drawing: Drawing| {
         let svg = drawing.finish(&format!("{}: {caption}", sketch.scene));

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use crate::error::{Error, Result};
 use crate::geometry::ImagePoint;
-use crate::record::{Record, kind, status};
+use crate::record::{Record, kind, pictures_folder, status};
 use crate::report::figures::Figure;
 use crate::report::svg::{Drawing, Marker, View, png_address};
 use crate::report::words;
@@ -47,7 +47,7 @@ fn patch(
     error_px: f64,
     truth: ImagePoint,
 ) -> Result<Figure> {
-    let path = run.join("scenes").join(&record.scene).join("exposure.png");
+    let path = pictures_folder(run, &record.scene, &record.camera).join("exposure.png");
     let picture = image::open(&path).map_err(|error| {
         Error::malformed(&path, format!("cannot be read as a picture: {error}"))
     })?;
@@ -86,5 +86,10 @@ fn patch(
         words::px(Some(error_px)),
     );
     let svg = drawing.finish(&caption);
-    Ok(Figure { file: format!("{method}-worst{index}.svg"), caption, group: "worst", svg })
+    Ok(Figure {
+        file: format!("{method}-{}-worst{index}.svg", record.camera),
+        caption,
+        group: "worst",
+        svg,
+    })
 }

@@ -20,7 +20,7 @@ use serde_json::json;
 use crate::error::{Error, Result};
 use crate::files::{replace_folder, write_json, write_whole};
 use crate::record::{Record, kind, read_records, read_run, read_sketch};
-use crate::report::summary::{Summary, summarise};
+use crate::report::summary::{MethodSummary, Summary, summarise};
 
 /// Writes summary.json and report/ of the run in `folder`, from its records and pictures, and
 /// returns the summary and the page.
@@ -39,18 +39,23 @@ pub fn write(folder: &Path) -> Result<(Summary, PathBuf)> {
     let mut sections = Vec::new();
     for method in summary.methods.iter().filter(|method| method.grasps.is_some()) {
         for scene in &method.scenes {
-            let sketch = read_sketch(folder, &scene.scene, &method.method)?;
-            let rows: Vec<&Record> = records
-                .iter()
-                .filter(|record| record.scene == scene.scene && record.method == method.method)
-                .collect();
-            let figures = figures::draw(folder, &method.method, &sketch, &rows)?;
+            let MethodSummary { method, camera, .. } = method;
+            let sketch = read_sketch(folder, &scene.scene, camera, method)?;
+            // Drawn is the first photograph.
+            let is_drawn = |record: &&Record| {
+                record.scene == scene.scene
+                    && record.exposure == Some(0)
+                    && (&record.method, &record.camera) == (method, camera)
+            };
+            let rows: Vec<&Record> = records.iter().filter(is_drawn).collect();
+            let figures = figures::draw(folder, camera, method, &sketch, &rows)?;
             for figure in &figures {
                 write_text(&report.join(&figure.file), &figure.svg)?;
             }
             let grasp = rows.iter().find(|record| record.kind == kind::GRASP);
             sections.push(json!({
-                "method": method.method,
+                "method": method,
+                "camera": camera,
                 "scene": scene,
                 "face": words::face(scene),
                 "sketch": sketch,
@@ -75,13 +80,16 @@ pub fn write(folder: &Path) -> Result<(Summary, PathBuf)> {
         if refinement.is_none() {
             break;
         }
-        let rows: Vec<&Record> =
-            records.iter().filter(|record| record.method == method.method).collect();
+        let is_drawn = |record: &&Record| {
+            record.exposure == Some(0)
+                && (&record.method, &record.camera) == (&method.method, &method.camera)
+        };
+        let rows: Vec<&Record> = records.iter().filter(is_drawn).collect();
         let figures = misses::draw(folder, &method.method, &rows)?;
         for figure in &figures {
             write_text(&report.join(&figure.file), &figure.svg)?;
         }
-        worst.push(json!({ "method": method.method, "figures": figures }));
+        worst.push(json!({ "method": method.label, "figures": figures }));
     }
     let mut environment = Environment::new();
     environment.add_filter("px", |value: Option<f64>| words::px(value));

@@ -1,5 +1,8 @@
 //! Records -> what they say, in numbers.
 
+use std::collections::HashSet;
+use std::hash::Hash;
+
 use serde::Serialize;
 
 use crate::record::{Record, kind, status};
@@ -12,7 +15,7 @@ use crate::stats;
 pub struct Summary {
     /// Scenes that could not be read, each with its reason.
     pub unreadable: Vec<Unreadable>,
-    /// One per pipeline, in the order of the records.
+    /// One per camera and pipeline, in the order of the records.
     pub methods: Vec<MethodSummary>,
 }
 
@@ -25,13 +28,19 @@ pub struct Unreadable {
     pub reason: String,
 }
 
-/// What the records say of one pipeline.
+/// What the records say of one pipeline and camera.
 #[derive(Clone, Debug, Serialize)]
 pub struct MethodSummary {
     /// Its name.
     pub method: String,
-    /// Detector and version.
-    pub detector: String,
+    /// The camera.
+    pub camera: String,
+    /// What reports call both: the method's name alone where there is one camera.
+    pub label: String,
+    /// What is judged, as records have it.
+    pub track: String,
+    /// Detector and version; none on the refinement track.
+    pub detector: Option<String>,
     /// Refiner and version.
     pub refiner: String,
     /// Over all scenes.
@@ -133,20 +142,18 @@ pub fn summarise(records: &[Record]) -> Summary {
         })
         .collect();
     let measured = || records.iter().filter(|record| record.kind != kind::SCENE);
-    let methods = distinct(measured().map(|record| record.method.as_str()));
-    Summary {
-        unreadable,
-        methods: methods
-            .iter()
-            .map(|method| {
-                let of_method: Vec<&Record> = measured().filter(|r| r.method == *method).collect();
-                summarise_method(method, &of_method)
-            })
-            .collect(),
-    }
+    let methods = distinct(measured().map(|r| (r.camera.as_str(), r.method.as_str())));
+    let cameras = distinct(measured().map(|record| record.camera.as_str()));
+    let of_method = |&(camera, method): &(&str, &str)| {
+        let rows: Vec<&Record> =
+            measured().filter(|r| r.method == method && r.camera == camera).collect();
+        let label = if cameras.len() == 1 { method.into() } else { format!("{method}, {camera}") };
+        summarise_method(&rows, label)
+    };
+    Summary { unreadable, methods: methods.iter().map(of_method).collect() }
 }
 
-fn summarise_method(method: &str, records: &[&Record]) -> MethodSummary {
+fn summarise_method(records: &[&Record], label: String) -> MethodSummary {
     let scenes = distinct(records.iter().map(|record| record.scene.as_str()))
         .iter()
         .map(|scene| {
@@ -166,10 +173,16 @@ fn summarise_method(method: &str, records: &[&Record]) -> MethodSummary {
             }
         })
         .collect();
+    let of_first = |value: fn(&Record) -> &String| {
+        records.first().map(|record| value(record).clone()).unwrap_or_default()
+    };
     MethodSummary {
-        method: method.to_owned(),
-        detector: records.first().map(|r| r.detector.clone()).unwrap_or_default(),
-        refiner: records.first().map(|r| r.refiner.clone()).unwrap_or_default(),
+        method: of_first(|record| &record.method),
+        camera: of_first(|record| &record.camera),
+        label,
+        track: of_first(|record| &record.track),
+        detector: records.first().and_then(|record| record.detector.clone()),
+        refiner: of_first(|record| &record.refiner),
         corners: corners(records),
         detection: detection::summarise(records),
         refinement: refinement::summarise(records),
@@ -232,14 +245,9 @@ fn grasps(records: &[&Record]) -> GraspSummary {
     }
 }
 
-fn distinct<'a>(names: impl Iterator<Item = &'a str>) -> Vec<&'a str> {
-    let mut found: Vec<&str> = Vec::new();
-    for name in names {
-        if !found.contains(&name) {
-            found.push(name);
-        }
-    }
-    found
+fn distinct<T: Copy + Eq + Hash>(values: impl Iterator<Item = T>) -> Vec<T> {
+    let mut seen = HashSet::new();
+    values.filter(|value| seen.insert(*value)).collect()
 }
 
 #[cfg(test)]

@@ -8,8 +8,10 @@ use crate::report::words::{self, Words};
 /// The summary as text; its tables fit the terminal, where standard output is one.
 pub fn tables(summary: &Summary) -> String {
     let mut text = String::new();
-    if summary.methods.len() > 1 || summary.methods.iter().any(|method| method.grasps.is_none()) {
-        text.push_str(&table_of(&words::comparison(summary)).to_string());
+    let of_detectors = words::comparison(summary);
+    let is_grasp_alone = summary.methods.len() == 1 && summary.methods[0].grasps.is_some();
+    if !of_detectors.rows.is_empty() && !is_grasp_alone {
+        text.push_str(&table_of(&of_detectors).to_string());
         text.push_str(
             "\nprecision and recall are those of the best threshold on the response, as a share of an \
              image's strongest\n",
@@ -25,7 +27,9 @@ pub fn tables(summary: &Summary) -> String {
     for (method, grasps) in summary.methods.iter().filter_map(|m| Some((m, m.grasps.as_ref()?))) {
         text.push_str(&format!(
             "{}: {}, then {}\n",
-            method.method, method.detector, method.refiner
+            method.label,
+            method.detector.as_deref().unwrap_or("seeds about the truth"),
+            method.refiner
         ));
         text.push_str(&scene_table(method, grasps).to_string());
         text.push('\n');

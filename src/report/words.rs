@@ -132,8 +132,8 @@ pub fn comparison(summary: &Summary) -> Words {
     let rows = by_average_precision(summary).into_iter().map(|method| {
         let sweep = &method.detection.sweeps[0];
         vec![
-            method.method.clone(),
-            method.detector.clone(),
+            method.label.clone(),
+            method.detector.clone().unwrap_or_default(),
             format!("{:.3}", sweep.average_precision),
             share(sweep.best.map(|best| best.precision)),
             share(sweep.best.map(|best| best.recall)),
@@ -176,7 +176,7 @@ pub fn refinement(summary: &Summary) -> Option<Words> {
             .map(|(status, count)| format!("{count} {}", status.replace('_', " ")))
             .collect();
         vec![
-            method.method.clone(),
+            method.label.clone(),
             format!("{} of {}", all.answered, all.asked),
             px3(all.errors.map(|errors| errors.rmse_px)),
             px3(all.errors.map(|errors| errors.median_px)),
@@ -203,9 +203,10 @@ pub(super) fn by_refined_error(summary: &Summary) -> Vec<&MethodSummary> {
     methods
 }
 
-/// The methods, the best average precision first.
+/// The methods that detect, the best average precision first.
 pub(super) fn by_average_precision(summary: &Summary) -> Vec<&MethodSummary> {
-    let mut methods: Vec<&MethodSummary> = summary.methods.iter().collect();
+    let mut methods: Vec<&MethodSummary> =
+        summary.methods.iter().filter(|method| method.detector.is_some()).collect();
     let score = |method: &MethodSummary| method.detection.sweeps[0].average_precision;
     methods.sort_by(|a, b| score(b).total_cmp(&score(a)));
     methods
@@ -226,7 +227,7 @@ pub fn strata(summary: &Summary) -> Vec<(&'static str, Words)> {
         let row = |method: &MethodSummary| {
             let found = method.detection.recall_by[index].strata.iter();
             let found = found.map(|one| share_of(one.found_at_best, one.asked));
-            std::iter::once(method.method.clone()).chain(found).collect()
+            std::iter::once(method.label.clone()).chain(found).collect()
         };
         let rows = by_average_precision(summary).into_iter().map(row).collect();
         (strata.by, Words { header: header.collect(), rows })
@@ -265,7 +266,7 @@ pub fn causes(summary: &Summary) -> Words {
     };
     let row = |method: &MethodSummary| {
         let cells = names.iter().map(|name| cell(method, name));
-        std::iter::once(method.method.clone()).chain(cells).collect()
+        std::iter::once(method.label.clone()).chain(cells).collect()
     };
     let rows = methods.iter().map(|method| row(method)).collect();
     Words { header: header.collect(), rows }

@@ -6,17 +6,15 @@
 
 use std::f64::consts::TAU;
 
-use rand_chacha::ChaCha8Rng;
-use rand_chacha::rand_core::{RngCore, SeedableRng};
 use rayon::prelude::*;
 use serde::Serialize;
-use sha2::{Digest, Sha256};
 
 use crate::bound::junction_bound;
 use crate::detect::{Detection, Detector};
 use crate::geometry::{Camera, Distortion, ImagePoint};
 use crate::junction::drawing::{Drawing, DrawingBuffers};
 use crate::junction::rays::{MOST_RAYS, Rays};
+use crate::random::Stream;
 use crate::refine::{Corner, Refiner};
 use crate::sensor::{CameraModel, Colour, Curve, Optics, Output, Photographer, Sensor};
 
@@ -172,7 +170,7 @@ impl Trial {
             &format!("{} {} {}", cell.blur_px, cell.contrast_over_noise, cell.ramp_per_px),
             &number,
         ];
-        let mut random = Random::named(&name);
+        let mut random = Stream::named(&name);
         let drawing = drawn(cell, &mut random);
         let [x, y] = drawing.rays.vertex;
         let vertex = ImagePoint::new(x, y);
@@ -274,7 +272,7 @@ fn score(name: &str, index: usize, trials: &[Trial]) -> Score {
 }
 
 /// A junction of the cell, turned and placed at random.
-fn drawn(cell: &Cell, random: &mut Random) -> Drawing {
+fn drawn(cell: &Cell, random: &mut Stream) -> Drawing {
     let middle = 0.5 * (SIZE as f64 - 1.0);
     let vertex = [middle + random.uniform() - 0.5, middle + random.uniform() - 0.5];
     let turn = TAU * random.uniform();
@@ -352,24 +350,5 @@ fn camera(cell: &Cell, has_noise: bool) -> CameraModel {
         // Full scale is where pixels are full.
         gain: if has_noise { 1.0 } else { 1.0 / FULL },
         ..CameraModel::default()
-    }
-}
-
-/// Random numbers of a name.
-struct Random(ChaCha8Rng);
-
-impl Random {
-    fn named(name: &[&str]) -> Self {
-        let mut digest = Sha256::new();
-        for text in name {
-            digest.update((text.len() as u64).to_le_bytes());
-            digest.update(text);
-        }
-        Self(ChaCha8Rng::from_seed(digest.finalize().into()))
-    }
-
-    /// A number in \[0, 1).
-    fn uniform(&mut self) -> f64 {
-        f64::from(self.0.next_u32()) / 4_294_967_296.0
     }
 }

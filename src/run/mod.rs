@@ -1,275 +1,254 @@
 //! Executes a plan over a dataset: every scene photographed, every pipeline run, every answer scored.
+//!
+//! Each scene's rows become a file of their own as soon as they are there, and one file of them all in the end: a run
+//! that was killed goes on where it was, and memory does not grow with the suite.
 
+mod answers;
 pub mod limits;
+mod merge;
+mod parts;
 mod photographs;
 mod pictures;
+mod scene;
 mod score;
 
-use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
 
 use rayon::prelude::*;
+use serde_json::json;
 
-use crate::bound::{Seeing, corner_bounds};
-use crate::error::{Error, Result};
-use crate::files::{replace_folder, write_json, write_whole};
-use crate::grasp::{Face, Grasp, NoFace, NoGrasp};
-use crate::metrics::Seen;
-use crate::plan::{GraspStages, Pipeline, Plan, Stage};
-use crate::record::{RECORD_VERSION, Record, RunDescription, kind, status, write_records};
-use crate::refine::Corner;
-use crate::scene::{Dataset, Description, Scene, Split};
-use crate::sensor::{Exposure, RangeImage, RangeSensor, Rig};
-use crate::target::{NoTarget, TargetRegion};
+use crate::error::Result;
+use crate::files::{write_json, write_whole};
+use crate::plan::{Pipeline, Plan};
+use crate::record::{RunDescription, join_records, write_records};
+use crate::scene::{Dataset, Split, sha256_hex};
 
-use score::Scorer;
+use parts::Parts;
 
+pub use merge::merge;
 pub use photographs::{Photographs, Wanted, photograph};
+
+/// Which scenes of a dataset are measured.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Choice {
+    /// Those of one split.
+    pub split: Option<Split>,
+    /// Of these every N-th.
+    pub shard: Option<Shard>,
+}
+
+/// Every `count`-th scene from number `first` on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Shard {
+    /// From 0 to `count` - 1.
+    pub first: usize,
+    /// At least 1.
+    pub count: usize,
+}
+
+impl std::str::FromStr for Shard {
+    type Err = String;
+
+    fn from_str(text: &str) -> std::result::Result<Self, String> {
+        let numbers = text.split_once('/').and_then(|(first, count)| {
+            Some(Self { first: first.parse().ok()?, count: count.parse().ok()? })
+        });
+        numbers
+            .filter(|shard| shard.first < shard.count)
+            .ok_or_else(|| format!("{text:?} is no shard, must be I/N with I from 0 to N - 1"))
+    }
+}
+
+impl std::fmt::Display for Shard {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(formatter, "{}/{}", self.first, self.count)
+    }
+}
 
 /// What a run did.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Outcome {
-    /// Scenes that were measured.
+    /// Scenes that were measured, by all cameras.
     pub scenes: usize,
-    /// Scenes that could not be read.
+    /// Scenes of which something could not be read or photographed.
     pub unreadable: usize,
+    /// Scenes that an earlier run, which did not end, had measured already.
+    pub resumed: usize,
 }
 
-/// Measures every scene of `dataset`, or of one split of it, by every pipeline of `plan` and writes
-/// the run's folder:
-/// run.json, records.parquet and scenes/. Scenes are done in parallel; the rows' order is the
-/// plan's, whatever the number of threads. `on_scene` is called as each is done.
-///
-/// # Errors
-/// When the folder cannot be written. A scene that cannot be read is a row, not an error.
-pub fn measure(
-    plan: &Plan,
-    dataset: &Dataset,
-    split: Option<Split>,
-    output: &Path,
-    command: &str,
-    on_scene: &(dyn Fn(&str) + Sync),
-) -> Result<Outcome> {
-    let pictures = output.join("scenes");
-    if !output.join("run.json").exists() && (pictures.exists() || output.join("report").exists()) {
-        return Err(Error::Other(format!(
-            "{}: holds scenes or report, but no run.json: it is not a run and would be overwritten; \
-             choose another folder with -o",
-            output.display()
-        )));
-    }
-    replace_folder(&pictures)?;
-    // A scene whose description cannot be read is no less unreadable for belonging to either split.
-    let is_wanted = |name: &&str| {
-        split
-            .is_none_or(|wanted| dataset.describe(name).map_or(true, |scene| scene.split == wanted))
-    };
-    let scenes: Vec<&str> = dataset.scenes().filter(is_wanted).collect();
-    let rows: Vec<Vec<Record>> = scenes
-        .par_iter()
-        .map(|name| {
-            let rows = match dataset.read(name) {
-                Ok(scene) => measure_scene(plan, dataset, &scene, &pictures.join(name)),
-                Err(error) => Ok(vec![unreadable(plan, dataset, name, &error)]),
-            };
-            on_scene(name);
-            rows
-        })
-        .collect::<Result<_>>()?;
-    let records: Vec<Record> = rows.into_iter().flatten().collect();
-    write_whole(&output.join("records.parquet"), |path| write_records(path, &records))?;
-    let mut renderers: Vec<String> = scenes
-        .iter()
-        .filter_map(|name| dataset.renderer(name))
-        .map(|renderer| format!("{} {} {}", renderer.name, renderer.version, renderer.variant))
-        .collect();
-    renderers.sort();
-    renderers.dedup();
-    let description = RunDescription {
-        cornerbench_version: env!("CARGO_PKG_VERSION").to_owned(),
-        plan: plan.name.clone(),
-        pipelines: plan.pipelines.iter().map(Pipeline::description).collect(),
-        camera_model: plan.photographer.model().clone(),
-        suite: dataset.suite().to_owned(),
-        camera: plan.camera.clone(),
-        range_sensor_model: plan.range_sensor_model.clone(),
-        range_sensor: plan.range_sensor.clone(),
-        gate_px: plan.corner_rule.gate_px,
-        least_edge_px: plan.corner_rule.least_edge_px,
-        most_bound_px: plan.corner_rule.most_bound_px,
-        command: command.to_owned(),
-        machine: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
-        renderers,
-    };
-    write_json(&output.join("run.json"), &description)?;
-    let unreadable = records.iter().filter(|record| record.kind == kind::SCENE).count();
-    Ok(Outcome { scenes: scenes.len() - unreadable, unreadable })
+/// A run that is to be: all that decides what is measured.
+pub struct Run<'a> {
+    plan: &'a Plan,
+    dataset: &'a Dataset,
+    /// All scenes of the split.
+    scenes: Vec<&'a str>,
+    shard: Option<Shard>,
 }
 
-fn measure_scene(
-    plan: &Plan,
-    dataset: &Dataset,
-    scene: &Scene,
-    folder: &Path,
-) -> Result<Vec<Record>> {
-    let film_camera = scene.description.camera;
-    let name = [dataset.suite(), &scene.name, "0"];
-    let photograph = match plan.photographer.take(&scene.film, &film_camera, [0.0, 0.0], &name) {
-        Ok(photograph) => photograph,
-        // The lens folds this scene's image, not necessarily another's.
-        Err(error) => return Ok(vec![unreadable(plan, dataset, &scene.name, &error)]),
-    };
-    let truth = scene.truth.seen_by(&film_camera, &photograph.camera);
-    let noise_free = plan.photographer.noise_free(&photograph);
-    let exposure = photograph.exposure;
-    let rig =
-        Rig { camera: photograph.camera, world_from_camera: scene.description.world_from_camera };
-    let range = match range_image(&plan.range_sensor_model, scene, &name) {
-        Ok(range) => range,
-        Err(error) => return Ok(vec![unreadable(plan, dataset, &scene.name, &error)]),
-    };
-    fs::create_dir_all(folder).map_err(Error::io(folder, "create"))?;
-    pictures::write_exposure(&folder.join("exposure.png"), &exposure)?;
-    let depth_range_m = pictures::write_depth(&folder.join("depth.png"), &scene.geometry.depth_m)?;
-    let colour = plan.photographer.model().colour;
-    let seeing = Seeing { exposure: &noise_free, colour, blur_px: photograph.blur_px };
-    let bounds = corner_bounds(&truth, &rig, &seeing);
-    let scorer = Scorer {
-        seen: Seen::new(scene, &truth, bounds, &rig),
-        rig: &rig,
-        rule: plan.corner_rule,
-        gain: plan.photographer.model().gain,
-    };
-    let mut records = Vec::new();
-    for pipeline in &plan.pipelines {
-        let answers = Answers::of(pipeline, &exposure, &rig, &range);
-        let template = template(plan, pipeline, dataset, scene);
-        records.extend(scorer.records(&template, &answers));
-        // What a report draws: the way to a grasp.
-        if pipeline.grasp.is_none() {
-            continue;
-        }
-        let sketch = score::sketch(scene, &truth, &answers, depth_range_m);
-        if let Some(Ok(region)) = &answers.region {
-            let path = folder.join(format!("{}-target.png", pipeline.name));
-            pictures::write_target(&path, &exposure, region)?;
-        }
-        write_json(&folder.join(format!("{}.json", pipeline.name)), &sketch)?;
-    }
-    Ok(records)
+/// How much a run has to do.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Extent {
+    /// Scenes.
+    pub scenes: usize,
+    /// Photographs of each.
+    pub exposures: usize,
+    /// Pipelines, each on every photograph.
+    pub methods: usize,
+    /// How long the first scene took on one core; `None` where it cannot be read.
+    pub one_scene: Option<Duration>,
 }
 
-/// What a range sensor tells of a scene; `name` names its noise.
-fn range_image(sensor: &RangeSensor, scene: &Scene, name: &[&str]) -> Result<RangeImage> {
-    let Description { range_camera, world_from_range, .. } = &scene.description;
-    sensor.measure(&scene.range, range_camera, *world_from_range, name)
-}
-
-/// What a pipeline answered to one exposure, stage by stage.
-struct Answers {
-    /// `None` of a pipeline that searches the whole image.
-    region: Option<std::result::Result<TargetRegion, NoTarget>>,
-    corners: Vec<Corner>,
-    /// `None` of a pipeline that ends with corners.
-    grasp: Option<GraspAnswer>,
-}
-
-/// How far a pipeline came on the way to a grasp.
-enum GraspAnswer {
-    NoTarget(NoTarget),
-    NoCorner,
-    NoFace(NoFace),
-    NoRange(Face, NoGrasp),
-    Grasp(Face, Grasp),
-}
-
-impl Answers {
-    /// Runs the pipeline. It sees the exposure, the rig and the range image; no truth.
-    fn of(pipeline: &Pipeline, exposure: &Exposure, rig: &Rig, range: &RangeImage) -> Self {
-        let region = pipeline.target.as_ref().map(|target| target.algorithm.extract(exposure));
-        let detect = |region| {
-            let detections = pipeline.detect.algorithm.detect(exposure, region);
-            pipeline.refine.algorithm.refine(exposure, &detections)
+impl<'a> Run<'a> {
+    /// The run of a plan over the scenes of `choice`.
+    pub fn new(plan: &'a Plan, dataset: &'a Dataset, choice: Choice) -> Self {
+        // A scene whose description cannot be read is no less unreadable for belonging to either split.
+        let is_wanted = |name: &&str| {
+            choice.split.is_none_or(|wanted| {
+                dataset.describe(name).map_or(true, |scene| scene.split == wanted)
+            })
         };
-        let corners = match &region {
-            None => detect(None),
-            Some(Ok(region)) => detect(Some(region)),
-            Some(Err(_)) => Vec::new(),
-        };
-        let grasp = match (&pipeline.grasp, &region) {
-            (Some(_), Some(Err(reason))) => Some(GraspAnswer::NoTarget(*reason)),
-            (Some(stages), Some(Ok(region))) => {
-                Some(GraspAnswer::of(stages, exposure, region, &corners, rig, range))
-            }
-            _ => None,
-        };
-        Self { region, corners, grasp }
+        let scenes = dataset.scenes().filter(is_wanted).collect();
+        Self { plan, dataset, scenes, shard: choice.shard }
     }
-}
 
-impl GraspAnswer {
-    fn of(
-        stages: &GraspStages,
-        exposure: &Exposure,
-        region: &TargetRegion,
-        corners: &[Corner],
-        rig: &Rig,
-        range: &RangeImage,
-    ) -> Self {
-        if corners.is_empty() {
-            return Self::NoCorner;
-        }
-        match stages.face.algorithm.select(exposure, region, corners) {
-            Err(reason) => Self::NoFace(reason),
-            Ok(face) => match stages.point.algorithm.estimate(&face, rig, range) {
-                Err(reason) => Self::NoRange(face, reason),
-                Ok(grasp) => Self::Grasp(face, grasp),
-            },
+    /// The scenes that it measures itself.
+    pub fn own(&self) -> Vec<&'a str> {
+        let Shard { first, count } = self.shard.unwrap_or(Shard { first: 0, count: 1 });
+        self.scenes.iter().copied().skip(first).step_by(count).collect()
+    }
+
+    /// How much there is to do; its first scene is measured for that.
+    pub fn extent(&self) -> Extent {
+        let own = self.own();
+        let first = own.first().and_then(|name| self.dataset.read(name).ok());
+        let one_scene = first.map(|scene| {
+            let start = Instant::now();
+            // Only the time counts.
+            let _ = scene::measure(self.plan, self.dataset.suite(), &scene, None);
+            start.elapsed()
+        });
+        let shots = self.plan.shots;
+        Extent {
+            scenes: own.len(),
+            exposures: self.plan.cameras.len() * (shots.phases * shots.repeats) as usize,
+            methods: self.plan.pipelines.len(),
+            one_scene,
         }
     }
 
-    /// The face that was chosen.
-    fn face(&self) -> Option<&Face> {
-        match self {
-            Self::NoRange(face, _) | Self::Grasp(face, _) => Some(face),
-            _ => None,
+    /// Measures every scene by every pipeline and writes the run's folder: run.json, records.parquet and scenes/.
+    /// Scenes are done in parallel; the rows' order is the dataset's and the plan's, whatever the number of threads.
+    /// What an earlier run of the same program left unfinished there is taken over. `on_scene` is called as each is
+    /// done.
+    ///
+    /// # Errors
+    /// When the folder cannot be written. A scene that cannot be read is a row, not an error.
+    pub fn measure(
+        &self,
+        output: &Path,
+        command: &str,
+        on_scene: &(dyn Fn(&str) + Sync),
+    ) -> Result<Outcome> {
+        let own = self.own();
+        let identity = self.identity();
+        let parts = Parts::open(output, &identity, self.shard)?;
+        let done = own
+            .par_iter()
+            .map(|name| {
+                let path = parts.path(name);
+                let is_there = path.is_file();
+                if !is_there {
+                    let pictures = output.join("scenes").join(name);
+                    let records = match self.dataset.read(name) {
+                        Ok(scene) => {
+                            scene::measure(self.plan, self.dataset.suite(), &scene, Some(&pictures))
+                        }
+                        Err(error) => Ok(scene::unreadable_by_all(
+                            self.plan,
+                            self.dataset.suite(),
+                            name,
+                            &error,
+                        )),
+                    }?;
+                    write_whole(&path, |path| write_records(path, &records))?;
+                }
+                on_scene(name);
+                Ok(is_there)
+            })
+            .collect::<Result<Vec<bool>>>()?;
+        let paths: Vec<PathBuf> = own.iter().map(|name| parts.path(name)).collect();
+        write_whole(&output.join("records.parquet"), |path| {
+            join_records(path, paths.iter().map(|path| (path.as_path(), 0)))
+        })?;
+        let unreadable = parts::unreadable(&paths)?;
+        write_json(&output.join("run.json"), &self.description(&identity, command))?;
+        parts.close()?;
+        let resumed = done.into_iter().filter(|is_there| *is_there).count();
+        Ok(Outcome { scenes: own.len() - unreadable, unreadable, resumed })
+    }
+
+    fn description(&self, identity: &str, command: &str) -> RunDescription {
+        let Plan { shots, corner_rule, .. } = self.plan;
+        RunDescription {
+            cornerbench_version: env!("CARGO_PKG_VERSION").to_owned(),
+            plan: self.plan.name.clone(),
+            pipelines: self.plan.pipelines.iter().map(Pipeline::description).collect(),
+            cameras: self
+                .plan
+                .cameras
+                .iter()
+                .map(|camera| (camera.name().to_owned(), camera.model().clone()))
+                .collect(),
+            phases: shots.phases,
+            repeats: shots.repeats,
+            suite: self.dataset.suite().to_owned(),
+            scenes: self.scenes.iter().map(|&name| name.to_owned()).collect(),
+            shard: self.shard.map(|shard| shard.to_string()),
+            identity_sha256: identity.to_owned(),
+            range_sensor_model: self.plan.range_sensor_model.clone(),
+            range_sensor: self.plan.range_sensor.clone(),
+            gate_px: corner_rule.gate_px,
+            least_edge_px: corner_rule.least_edge_px,
+            most_bound_px: corner_rule.most_bound_px,
+            command: command.to_owned(),
+            machine: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
+            renderers: self.renderers(),
         }
     }
-}
 
-/// A record with everything that is the same for all rows of a scene and method.
-fn template(plan: &Plan, pipeline: &Pipeline, dataset: &Dataset, scene: &Scene) -> Record {
-    Record {
-        record_version: RECORD_VERSION,
-        cornerbench_version: env!("CARGO_PKG_VERSION").to_owned(),
-        suite: dataset.suite().to_owned(),
-        scene: scene.name.clone(),
-        scene_recipe_sha256: scene.recipe_sha256.clone(),
-        family: scene.description.family.clone(),
-        pose: scene.description.pose.clone(),
-        split: Some(scene.description.split.name().to_owned()),
-        camera: plan.camera.clone(),
-        method: pipeline.name.clone(),
-        target_extractor: pipeline.target.as_ref().map(Stage::label),
-        detector: pipeline.detect.label(),
-        refiner: pipeline.refine.label(),
-        face_selector: pipeline.grasp.as_ref().map(|grasp| grasp.face.label()),
-        grasp_estimator: pipeline.grasp.as_ref().map(|grasp| grasp.point.label()),
-        target_visible_fraction: Some(scene.truth.target_visible_fraction),
-        ..Record::default()
+    /// What rendered the scenes, each once.
+    fn renderers(&self) -> Vec<String> {
+        let mut renderers: Vec<String> = self
+            .scenes
+            .iter()
+            .filter_map(|name| self.dataset.renderer(name))
+            .map(|renderer| format!("{} {} {}", renderer.name, renderer.version, renderer.variant))
+            .collect();
+        renderers.sort();
+        renderers.dedup();
+        renderers
     }
-}
 
-fn unreadable(plan: &Plan, dataset: &Dataset, scene: &str, error: &Error) -> Record {
-    Record {
-        record_version: RECORD_VERSION,
-        cornerbench_version: env!("CARGO_PKG_VERSION").to_owned(),
-        suite: dataset.suite().to_owned(),
-        scene: scene.to_owned(),
-        camera: plan.camera.clone(),
-        kind: kind::SCENE.to_owned(),
-        status: status::UNREADABLE.to_owned(),
-        reason: Some(error.chain()),
-        ..Record::default()
+    /// A hash of all that decides the records: program, plan, cameras, scenes; not which of them.
+    fn identity(&self) -> String {
+        let plan = self.plan;
+        let cameras: Vec<_> =
+            plan.cameras.iter().map(|camera| (camera.name(), camera.model())).collect();
+        let rule = plan.corner_rule;
+        let scenes: Vec<_> =
+            self.scenes.iter().map(|name| (name, self.dataset.fingerprint(name))).collect();
+        let pipelines: Vec<_> = plan.pipelines.iter().map(Pipeline::description).collect();
+        let all = json!({
+            "cornerbench": env!("CARGO_PKG_VERSION"),
+            "cameras": cameras,
+            "shots": plan.shots,
+            "range_sensor": [json!(plan.range_sensor), json!(plan.range_sensor_model)],
+            "rule": [rule.gate_px, rule.least_edge_px, rule.most_bound_px],
+            "pipelines": pipelines,
+            "suite": self.dataset.suite(),
+            "scenes": scenes,
+        });
+        sha256_hex(all.to_string().as_bytes())
     }
 }

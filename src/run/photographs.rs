@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use super::pictures::{write_depth, write_exposure};
-use super::range_image;
+use super::scene::range_image;
 use crate::error::{Error, Result};
 use crate::files::{refuse_foreign, write_json, write_whole};
 use crate::geometry::{Camera, ImagePoint, Pose, PoseRows};

@@ -1,11 +1,13 @@
 //! From a pipeline's answers and the truth to records.
 
-use super::{Answers, GraspAnswer};
+use super::answers::{Answers, GraspAnswer};
 use crate::bound::CornerBounds;
 use crate::geometry::ImagePoint;
 use crate::metrics::{
     CornerRule, CornerScore, Fate, OtherScore, Seen, covered_face, grasp_error, score_corners,
+    score_seeded,
 };
+use crate::plan::{Pipeline, Seeds};
 use crate::record::{Record, Sketch, kind, status};
 use crate::refine::Corner;
 use crate::scene::{FalseJunction, Scene, TrueCorner, TrueFace, Truth, Visibility};
@@ -21,10 +23,18 @@ pub(super) struct Scorer<'a> {
 }
 
 impl Scorer<'_> {
-    /// The rows of one scene and method: corners, other answers, false junctions, then the grasp.
-    pub(super) fn records(&self, template: &Record, answers: &Answers) -> Vec<Record> {
+    /// The rows of one photograph and method: corners, other answers, false junctions, then the grasp.
+    pub(super) fn records(
+        &self,
+        template: &Record,
+        pipeline: &Pipeline,
+        answers: &Answers,
+    ) -> Vec<Record> {
         let truth = self.seen.truth;
-        let scores = score_corners(&self.seen, &answers.corners, self.rule);
+        let scores = match pipeline.seeds {
+            Seeds::Detected { .. } => score_corners(&self.seen, &answers.corners, self.rule),
+            Seeds::Disc { .. } => score_seeded(&self.seen, &answers.corners, self.rule),
+        };
         let no_target = match &answers.region {
             Some(Err(reason)) => Some(format!("no target: {}", reason.name())),
             _ => None,
@@ -57,6 +67,12 @@ impl Scorer<'_> {
     ) -> Record {
         let is_visible = corner.visibility == Visibility::Visible;
         let contrast = corner.second_contrast().map(|radiance| self.gain * radiance);
+        let own = answer.and_then(|answer| {
+            let [x, y] = corner.bisector(self.rule.least_edge_px)?;
+            let (at, truth) = (answer.position, corner.image_point_px);
+            let (dx, dy) = (at.x - truth.x, at.y - truth.y);
+            Some([dx * x + dy * y, dy * x - dx * y])
+        });
         let bounds =
             if is_visible { self.seen.bounds[corner.index] } else { CornerBounds::default() };
         Record {
@@ -90,6 +106,8 @@ impl Scorer<'_> {
             found_at_response: score.found_at_response,
             detected_error_px: score.detected_error_px,
             refined_error_px: score.refined_error_px,
+            refined_along_px: own.map(|[along, _]| along),
+            refined_across_px: own.map(|[_, across]| across),
             ..answer.map_or_else(|| template.clone(), |answer| with_answer(template, answer))
         }
     }

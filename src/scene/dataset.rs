@@ -1,6 +1,7 @@
 //! A dataset's folder: its manifest, and scenes read from it with their hashes checked.
 
 use std::collections::BTreeMap;
+use std::fmt::Write as _;
 use std::fs;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
@@ -137,6 +138,16 @@ impl Dataset {
     /// What rendered a scene.
     pub fn renderer(&self, scene: &str) -> Option<&Renderer> {
         self.entry(scene).map(|entry| &entry.renderer)
+    }
+
+    /// A hash of all that a scene's files hold; `None` of one that the manifest does not name.
+    pub fn fingerprint(&self, scene: &str) -> Option<String> {
+        let mut text = String::new();
+        for (name, file) in &self.entry(scene)?.files {
+            // Writing into a string cannot fail.
+            let _ = writeln!(text, "{name} {}", file.sha256);
+        }
+        Some(sha256_hex(text.as_bytes()))
     }
 
     fn entry(&self, scene: &str) -> Option<&SceneEntry> {

@@ -79,6 +79,18 @@ impl TrueCorner {
     /// The smallest angle between two of its edges that are seen for `least_edge_px` or more \[degrees\];
     /// `None` of fewer than two.
     pub fn smallest_angle_deg(&self, least_edge_px: f64) -> Option<f64> {
+        self.narrowest(least_edge_px).map(|[a, b]| a.angle(&b).to_degrees())
+    }
+
+    /// The unit vector from it into that angle's middle; `None` of fewer than two edges, or where they are one
+    /// line.
+    pub fn bisector(&self, least_edge_px: f64) -> Option<[f64; 2]> {
+        let [a, b] = self.narrowest(least_edge_px)?;
+        (a.normalize() + b.normalize()).try_normalize(1e-6).map(Into::into)
+    }
+
+    /// The directions of the two edges that enclose the smallest angle.
+    fn narrowest(&self, least_edge_px: f64) -> Option<[Vector2<f64>; 2]> {
         let directions: Vec<Vector2<f64>> = self
             .edges
             .iter()
@@ -88,8 +100,8 @@ impl TrueCorner {
         let pairs = directions
             .iter()
             .enumerate()
-            .flat_map(|(index, a)| directions[index + 1..].iter().map(move |b| a.angle(b)));
-        pairs.min_by(f64::total_cmp).map(f64::to_degrees)
+            .flat_map(|(index, a)| directions[index + 1..].iter().map(move |b| [*a, *b]));
+        pairs.min_by(|[a, b], [c, d]| a.angle(b).total_cmp(&c.angle(d)))
     }
 
     /// The second largest contrast of its edges, as radiance: of each edge that of the channel in which it

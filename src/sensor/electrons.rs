@@ -3,8 +3,9 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::noise::{Stream, normals, poisson};
+use super::noise::{normals, poisson};
 use crate::image::Plane;
+use crate::random::Stream;
 
 /// A sensor by the numbers of its EMVA 1288 data sheet.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]

@@ -1,37 +1,4 @@
-//! Random numbers of photographs: of every pixel its own, whatever else is drawn.
-//!
-//! A stream is named by texts; its number of a pixel is a function of the name and the pixel's index
-//! alone. So a region has the noise of the whole picture, and threads do not matter. The words come
-//! from ChaCha with eight rounds, which can be entered anywhere.
-
-use rand_chacha::ChaCha8Rng;
-use rand_chacha::rand_core::{RngCore, SeedableRng};
-use sha2::{Digest, Sha256};
-
-/// Words of 32 random bits, one per pixel.
-pub(super) struct Stream(ChaCha8Rng);
-
-impl Stream {
-    /// The stream of a name, which is a list of texts.
-    pub(super) fn named(name: &[&str]) -> Self {
-        let mut digest = Sha256::new();
-        for text in name {
-            // With its length: ("ab", "c") is not ("a", "bc").
-            digest.update((text.len() as u64).to_le_bytes());
-            digest.update(text);
-        }
-        Self(ChaCha8Rng::from_seed(digest.finalize().into()))
-    }
-
-    /// Fills `words` with those of the pixels from `first` on.
-    pub(super) fn words(&mut self, first: usize, words: &mut [u32]) {
-        self.0.set_word_pos(first as u128);
-        self.0.fill_bytes(bytemuck::cast_slice_mut(words));
-        for word in words {
-            *word = u32::from_le(*word);
-        }
-    }
-}
+//! Random deviates of photographs: of every pixel its own, whatever else is drawn.
 
 /// Normal deviates of mean 0 and variance 1 of random words, by inversion.
 ///
@@ -155,6 +122,7 @@ fn added_up(mean: f32, word: u32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::random::Stream;
 
     #[test]
     fn normal_deviates_invert_the_normal_distribution() {

@@ -6,11 +6,12 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::noise::{Stream, normals};
+use super::noise::normals;
 use super::range::{DepthNoise, RangeImage};
 use crate::error::{Error, Result};
 use crate::geometry::{Camera, ImagePoint, Pose};
 use crate::image::Plane;
+use crate::random::Stream;
 use crate::scene::RangeRays;
 
 /// How a range sensor turns what its rays meet into points. What is not given is ideal.

@@ -405,7 +405,7 @@ fn a_run_says_which_parameters_made_it_defaults_included() {
     assert_eq!(detect["algorithm"], "harris");
     assert_eq!(detect["parameters"]["k"], 0.04);
     assert!(detect["parameters"]["nms_radius_px"].is_number(), "{detect}");
-    assert_eq!(run["camera_model"]["output"]["bit_depth"], 8);
+    assert_eq!(run["cameras"]["ideal"]["output"]["bit_depth"], 8);
 }
 
 #[test]

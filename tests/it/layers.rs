@@ -8,7 +8,7 @@ use crate::support::project;
 /// Modules in layers; one may use those of lower layers and, where named, of its own.
 const LAYERS: &[&[&str]] = &[
     &[
-        "error", "geometry", "cuboid", "image", "junction", "vector", "filter", "stats",
+        "error", "geometry", "cuboid", "image", "junction", "vector", "filter", "stats", "random",
         "registry", "files",
     ],
     &["scene"],

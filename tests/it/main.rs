@@ -23,6 +23,7 @@ mod range_sensors;
 mod refiners;
 mod rendering;
 mod responses;
+mod runs;
 mod scoring;
 mod setup;
 mod support;

@@ -1,4 +1,6 @@
-//! What to measure: a camera and pipelines, each a chain of named algorithms with parameters.
+//! What to measure: cameras and pipelines, each a chain of named algorithms with parameters.
+
+mod alternatives;
 
 use std::fs;
 use std::path::Path;
@@ -22,10 +24,10 @@ pub struct Plan {
     pub name: String,
     /// One line for `cornerbench list`.
     pub summary: String,
-    /// Name of the camera.
-    pub camera: String,
-    /// The camera.
-    pub photographer: Photographer,
+    /// The cameras, each with its name.
+    pub cameras: Vec<Photographer>,
+    /// How each of them photographs a scene.
+    pub shots: Shots,
     /// Name of the range sensor.
     pub range_sensor: String,
     /// The range sensor.
@@ -36,18 +38,61 @@ pub struct Plan {
     pub pipelines: Vec<Pipeline>,
 }
 
+/// How often and where a camera photographs a scene.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Shots {
+    /// Places of the pixels' grid on the image.
+    pub phases: u32,
+    /// Photographs at each, every one with noise of its own.
+    pub repeats: u32,
+}
+
+impl Shots {
+    /// Where in the film's image the centre of pixel (0, 0) is at a phase \[px\]: the first at (0, 0), the others
+    /// evenly spread about it, however many (Roberts 2018, The Unreasonable Effectiveness of Quasirandom Sequences).
+    pub fn phase_px(phase: u32) -> [f64; 2] {
+        // The plastic number's powers: the least regular steps in two dimensions.
+        const STEPS: [f64; 2] = [0.754_877_666_246_692_7, 0.569_840_290_998_053_3];
+        STEPS.map(|step| (0.5 + f64::from(phase) * step).fract() - 0.5)
+    }
+}
+
 /// A chain of algorithms from an exposure to corners, and perhaps on to a grasp.
 pub struct Pipeline {
     /// Its name; column `method` of the records.
     pub name: String,
-    /// Exposure to target region; the whole image is searched where there is none.
-    pub target: Option<Stage<dyn TargetExtractor>>,
-    /// Region to corner candidates.
-    pub detect: Stage<dyn Detector>,
+    /// Where candidates come from.
+    pub seeds: Seeds,
     /// Candidates to corners.
     pub refine: Stage<dyn Refiner>,
     /// Corners to a grasp; it ends with the corners where there is none.
     pub grasp: Option<GraspStages>,
+}
+
+/// Where candidates come from: which of the two tracks a pipeline is on.
+pub enum Seeds {
+    /// End to end: a detector finds them, or not, and others besides.
+    Detected {
+        /// Exposure to target region; the whole image is searched where there is none.
+        target: Option<Stage<dyn TargetExtractor>>,
+        /// Region to corner candidates.
+        detect: Stage<dyn Detector>,
+    },
+    /// Refinement: about each corner that is asked for, anywhere in a disc; the refiner alone is judged.
+    Disc {
+        /// The disc's radius \[px\].
+        radius_px: f64,
+    },
+}
+
+impl Seeds {
+    /// The target extractor, if there is one.
+    pub fn target(&self) -> Option<&Stage<dyn TargetExtractor>> {
+        match self {
+            Self::Detected { target, .. } => target.as_ref(),
+            Self::Disc { .. } => None,
+        }
+    }
 }
 
 /// A chain of algorithms from corners to a grasp.
@@ -92,8 +137,14 @@ impl<T: ?Sized> Stage<T> {
 struct PlanFile {
     /// One line for `cornerbench list`.
     summary: String,
-    /// A file of the folder `cameras`.
-    camera: String,
+    /// Files of the folder `cameras`: one, or a list.
+    camera: Names,
+    /// Places of the pixels' grid on the image: the first as rendered, the others evenly spread.
+    #[schemars(range(min = 1, max = 65536))]
+    phases: u32,
+    /// Photographs at each phase, every one with noise of its own.
+    #[schemars(range(min = 1, max = 100_000))]
+    repeats: u32,
     /// A file of the folder `range-sensors`.
     range_sensor: String,
     /// How far a detection may lie from the corner it is matched to \[px\].
@@ -105,16 +156,27 @@ struct PlanFile {
     /// The largest bound on a corner's place with which it is asked for \[px\].
     #[schemars(range(min = 0.0, max = 1000.0))]
     most_bound_px: f64,
-    /// Chains of algorithms, each measured by itself.
+    /// Chains of algorithms, each measured by itself. Where one of them gives several values, each combination is
+    /// a pipeline of its own.
     #[schemars(with = "Vec<PipelineFile>", length(min = 1))]
     pipelines: Vec<Table>,
+}
+
+/// A name, or several.
+#[derive(Serialize, Deserialize, JsonSchema)]
+#[serde(untagged)]
+enum Names {
+    One(String),
+    Several(Vec<String>),
 }
 
 impl Default for PlanFile {
     fn default() -> Self {
         Self {
             summary: String::new(),
-            camera: "ideal".into(),
+            camera: Names::One("ideal".into()),
+            phases: 1,
+            repeats: 1,
             range_sensor: "ideal".into(),
             gate_px: 5.0,
             least_edge_px: 3.0,
@@ -127,17 +189,20 @@ impl Default for PlanFile {
 /// A chain of algorithms from an exposure to corners, and perhaps on to a grasp.
 #[derive(Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
-#[schemars(title = "Pipeline", extend("required" = ["name", "detect"]))]
+#[schemars(title = "Pipeline")]
 struct PipelineFile {
-    /// Column `method` of the records.
+    /// Column `method` of the records, with what was chosen behind it; that alone where there is no name.
     #[schemars(regex(pattern = r"^[a-z0-9_-]+$"))]
     name: String,
+    /// Instead of `detect`: about each corner that is asked for; the refiner alone is judged.
+    #[schemars(schema_with = "seeds_schema")]
+    seeds: Option<Table>,
     /// Exposure to target region; without it the whole image is searched.
     #[schemars(schema_with = "target_schema")]
     target: Option<Table>,
     /// Region to corner candidates.
     #[schemars(schema_with = "detect_schema")]
-    detect: Table,
+    detect: Option<Table>,
     /// Candidates to corners; without it they stay where they are.
     #[schemars(schema_with = "refine_schema")]
     refine: Option<Table>,
@@ -147,6 +212,29 @@ struct PipelineFile {
     /// Face to grasp point.
     #[schemars(schema_with = "grasp_schema")]
     grasp: Option<Table>,
+}
+
+/// Where seeds are.
+#[derive(Default, Serialize, Deserialize, JsonSchema)]
+#[serde(default)]
+struct SeedsFile {
+    /// Radius of the disc about the corner in which they are, evenly spread \[px\].
+    #[schemars(range(min = 0.0, max = 100.0))]
+    disc_px: f64,
+}
+
+fn seeds_schema(_: &mut SchemaGenerator) -> Schema {
+    let mut schema = registry::schema::<SeedsFile>();
+    if let Some(properties) = schema.get_mut("properties").and_then(|value| value.as_object_mut()) {
+        properties.values_mut().for_each(allow_several);
+    }
+    schema
+}
+
+/// A schema that a value or a list of values keeps to.
+fn allow_several(one: &mut serde_json::Value) {
+    let several = serde_json::json!({ "type": "array", "items": one.clone(), "minItems": 1 });
+    *one = serde_json::json!({ "anyOf": [one.clone(), several] });
 }
 
 fn target_schema(_: &mut SchemaGenerator) -> Schema {
@@ -169,26 +257,44 @@ fn grasp_schema(_: &mut SchemaGenerator) -> Schema {
     stage_schema(ESTIMATORS)
 }
 
-/// The schema of a stage's table: the name of one of its algorithms, and that one's parameters.
+/// The schema of a stage: a table with the name of one of its algorithms and that one's parameters, each a value
+/// or several; or a name alone; or a list of these.
 fn stage_schema<T: ?Sized>(entries: &[Entry<T>]) -> Schema {
-    let alternatives: Vec<Schema> = entries
-        .iter()
-        .map(|entry| {
-            let parameters = (entry.schema)();
-            let mut properties = json_schema!({
-                "algorithm": { "const": entry.name, "description": entry.summary },
-            });
-            let own = parameters.get("properties").and_then(|keys| keys.as_object());
-            properties.ensure_object().extend(own.cloned().unwrap_or_default());
-            json_schema!({
-                "title": entry.name,
-                "description": entry.summary,
-                "properties": properties,
-                "required": ["algorithm"],
-            })
+    let names: Vec<&str> = entries.iter().map(|entry| entry.name).chain(["all"]).collect();
+    let of_entry = |entry: &Entry<T>| {
+        let parameters = (entry.schema)();
+        let mut properties = json_schema!({
+            "algorithm": { "const": entry.name, "description": entry.summary },
+        });
+        let own = parameters.get("properties").and_then(|keys| keys.as_object());
+        let mut own = own.cloned().unwrap_or_default();
+        own.values_mut().for_each(allow_several);
+        properties.ensure_object().extend(own);
+        json_schema!({
+            "type": "object",
+            "title": entry.name,
+            "description": entry.summary,
+            "properties": properties,
+            "required": ["algorithm"],
         })
-        .collect();
-    json_schema!({ "type": "object", "oneOf": alternatives })
+    };
+    let of_several = json_schema!({
+        "type": "object",
+        "title": "several algorithms",
+        "properties": {
+            "algorithm": {
+                "anyOf": [{ "const": "all" }, { "type": "array", "items": { "enum": names } }],
+            },
+        },
+        "required": ["algorithm"],
+    });
+    let name = json_schema!({ "enum": names });
+    let mut one: Vec<Schema> = entries.iter().map(of_entry).collect();
+    one.extend([of_several, name]);
+    json_schema!({ "anyOf": [
+        { "anyOf": one },
+        { "type": "array", "items": { "anyOf": one }, "minItems": 1 },
+    ] })
 }
 
 impl Plan {
@@ -197,35 +303,40 @@ impl Plan {
         registry::schema::<PlanFile>()
     }
 
-    /// Reads `plans/NAME.toml` in the folder of recipes, and the camera that it names.
+    /// Reads `plans/NAME.toml` in the folder of recipes, and the cameras that it names.
     ///
     /// # Errors
     /// For an unknown name or key, or a value out of range: with file, key, found, allowed.
     pub fn read(recipes: &Path, name: &str) -> Result<Self> {
         let (place, table) = read_table(recipes, "plans", name)?;
         let file: PlanFile = registry::parameters(&place, &table)?;
-        let photographer = read_camera(recipes, &file.camera)?;
+        let cameras = match file.camera {
+            Names::One(name) => vec![name],
+            Names::Several(names) => names,
+        };
+        let cameras =
+            cameras.iter().map(|name| read_camera(recipes, name)).collect::<Result<Vec<_>>>()?;
+        if cameras.is_empty() {
+            return Err(Error::Other(format!("{place}: camera is an empty list; name one")));
+        }
         let range_sensor_model = read_range_sensor(recipes, &file.range_sensor)?;
-        let pipelines = file
-            .pipelines
-            .iter()
-            .enumerate()
-            .map(|(index, table)| Pipeline::build(&format!("{place}: pipelines.{index}"), table))
-            .collect::<Result<Vec<_>>>()?;
+        let mut pipelines = Vec::new();
+        for (index, table) in file.pipelines.iter().enumerate() {
+            let place = format!("{place}: pipelines.{index}");
+            for table in alternatives::pipelines(&place, table)? {
+                pipelines.push(Pipeline::build(&place, &table)?);
+            }
+        }
         if pipelines.is_empty() {
             return Err(Error::Other(format!("{place}: no pipelines; add a [[pipelines]] table")));
         }
-        let mut names: Vec<_> = pipelines.iter().map(|pipeline| &pipeline.name).collect();
-        names.sort();
-        if let Some(twice) = names.windows(2).find(|pair| pair[0] == pair[1]) {
-            let problem = format!("{place}: two pipelines are called {:?}", twice[0]);
-            return Err(Error::Other(problem));
-        }
+        refuse_twice(&place, "pipelines", pipelines.iter().map(|one| one.name.as_str()))?;
+        refuse_twice(&place, "cameras", cameras.iter().map(Photographer::name))?;
         Ok(Self {
             name: name.to_owned(),
             summary: file.summary,
-            camera: file.camera,
-            photographer,
+            cameras,
+            shots: Shots { phases: file.phases, repeats: file.repeats },
             range_sensor: file.range_sensor,
             range_sensor_model,
             corner_rule: CornerRule {
@@ -238,13 +349,30 @@ impl Plan {
     }
 }
 
+/// Refuses two things of one name.
+fn refuse_twice<'a>(place: &str, kind: &str, names: impl Iterator<Item = &'a str>) -> Result<()> {
+    let mut names: Vec<&str> = names.collect();
+    names.sort_unstable();
+    match names.windows(2).find(|pair| pair[0] == pair[1]) {
+        Some(twice) => Err(Error::Other(format!("{place}: two {kind} are called {:?}", twice[0]))),
+        None => Ok(()),
+    }
+}
+
 impl Pipeline {
     /// Its algorithms with versions and parameters, for run.json.
     pub fn description(&self) -> serde_json::Value {
         serde_json::json!({
             "name": self.name,
-            "target": self.target.as_ref().map(Stage::description),
-            "detect": self.detect.description(),
+            "seeds": match &self.seeds {
+                Seeds::Disc { radius_px } => Some(serde_json::json!({ "disc_px": radius_px })),
+                Seeds::Detected { .. } => None,
+            },
+            "target": self.seeds.target().map(Stage::description),
+            "detect": match &self.seeds {
+                Seeds::Disc { .. } => None,
+                Seeds::Detected { detect, .. } => Some(detect.description()),
+            },
             "refine": self.refine.description(),
             "face": self.grasp.as_ref().map(|grasp| grasp.face.description()),
             "grasp": self.grasp.as_ref().map(|grasp| grasp.point.description()),
@@ -254,24 +382,22 @@ impl Pipeline {
     fn build(place: &str, table: &Table) -> Result<Self> {
         let file: PipelineFile = registry::parameters(place, table)?;
         // A pipeline's name is part of file names and addresses.
-        let legal = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-' || c == '_';
+        let legal = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || "-_=.".contains(c);
         if file.name.is_empty() || !file.name.chars().all(legal) {
             return Err(Error::out_of_range(
                 place,
                 "name",
                 format!("{:?}", file.name),
-                "one or more of a-z, 0-9, - and _",
+                "one or more of a-z, 0-9, -, _, = and .",
             ));
         }
-        let target = file
-            .target
-            .map(|table| stage(place, "target", "target extractor", EXTRACTORS, table))
-            .transpose()?;
+        let has_target = file.target.is_some();
+        let seeds = Self::build_seeds(place, file.seeds, file.target, file.detect)?;
         let unrefined = || Table::from_iter([("algorithm".to_owned(), "none".into())]);
         let refine = file.refine.unwrap_or_else(unrefined);
         let grasp = match (file.face, file.grasp) {
             (None, None) => None,
-            (Some(_), Some(_)) if target.is_none() => {
+            (Some(_), Some(_)) if !has_target => {
                 return Err(Error::Other(format!(
                     "{place}: a face is chosen in a target region, and there is no `target`; add \
                      it, or leave out `face` and `grasp`"
@@ -291,12 +417,40 @@ impl Pipeline {
             }
         };
         Ok(Self {
-            target,
-            detect: stage(place, "detect", "detector", DETECTORS, file.detect)?,
+            seeds,
             refine: stage(place, "refine", "refiner", REFINERS, refine)?,
             grasp,
             name: file.name,
         })
+    }
+}
+
+impl Pipeline {
+    fn build_seeds(
+        place: &str,
+        seeds: Option<Table>,
+        target: Option<Table>,
+        detect: Option<Table>,
+    ) -> Result<Seeds> {
+        match (seeds, detect) {
+            (Some(seeds), None) if target.is_none() => {
+                let file: SeedsFile = registry::parameters(&format!("{place}.seeds"), &seeds)?;
+                Ok(Seeds::Disc { radius_px: file.disc_px })
+            }
+            (None, Some(detect)) => Ok(Seeds::Detected {
+                target: target
+                    .map(|table| stage(place, "target", "target extractor", EXTRACTORS, table))
+                    .transpose()?,
+                detect: stage(place, "detect", "detector", DETECTORS, detect)?,
+            }),
+            (None, None) => Err(Error::Other(format!(
+                "{place}: no candidates; give `detect`, or `seeds` about the true corners"
+            ))),
+            (Some(_), _) => Err(Error::Other(format!(
+                "{place}: `seeds` are about the true corners, without `target` and `detect`; leave out \
+                 either"
+            ))),
+        }
     }
 }
 

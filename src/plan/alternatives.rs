@@ -1,0 +1,193 @@
+//! Alternatives: where a pipeline gives several values, each combination is a pipeline of its own.
+
+use toml::{Table, Value};
+
+use crate::detect::DETECTORS;
+use crate::error::{Error, Result};
+use crate::grasp::{ESTIMATORS, SELECTORS};
+use crate::refine::REFINERS;
+use crate::target::EXTRACTORS;
+
+/// No table stands for more pipelines.
+const MOST: usize = 10_000;
+
+/// The stages, in the order in which they run, and the names of the algorithms of each.
+fn stages() -> [(&'static str, Vec<&'static str>); 6] {
+    [
+        ("seeds", Vec::new()),
+        ("target", EXTRACTORS.iter().map(|entry| entry.name).collect()),
+        ("detect", DETECTORS.iter().map(|entry| entry.name).collect()),
+        ("refine", REFINERS.iter().map(|entry| entry.name).collect()),
+        ("face", SELECTORS.iter().map(|entry| entry.name).collect()),
+        ("grasp", ESTIMATORS.iter().map(|entry| entry.name).collect()),
+    ]
+}
+
+/// A table with one value of each, and what tells it from the others.
+#[derive(Clone, Debug, Default)]
+struct Alternative {
+    labels: Vec<String>,
+    table: Table,
+}
+
+/// All pipelines that a pipeline's table stands for, each with a name of its own: the table's, then what was
+/// chosen, in the order of the stages. A stage is a table, or an algorithm's name alone, or a list of these; a
+/// value of a stage's table may be a list; the algorithm "all" is every one.
+///
+/// # Errors
+/// When it stands for more than ten thousand.
+pub(super) fn pipelines(place: &str, table: &Table) -> Result<Vec<Table>> {
+    let mut found = vec![Alternative { labels: Vec::new(), table: table.clone() }];
+    for (stage, names) in stages() {
+        let Some(value) = table.get(stage) else { continue };
+        let choices = of_stage(value, &names);
+        if found.len() * choices.len() > MOST {
+            return Err(Error::Other(format!(
+                "{place}: stands for more than {MOST} pipelines; give {stage} fewer values, or \
+                 divide it into several plans"
+            )));
+        }
+        let with = |before: &Alternative, choice: &Choice| {
+            let mut next = before.clone();
+            next.labels.extend(choice.labels.iter().cloned());
+            next.table.insert(stage.to_owned(), choice.value.clone());
+            next
+        };
+        found = found
+            .iter()
+            .flat_map(|before| choices.iter().map(move |choice| with(before, choice)))
+            .collect();
+    }
+    let named = |Alternative { labels, mut table }: Alternative| {
+        let own = table.get("name").and_then(Value::as_str).filter(|name| !name.is_empty());
+        let words: Vec<String> = own.map(str::to_owned).into_iter().chain(labels).collect();
+        if !words.is_empty() {
+            table.insert("name".to_owned(), words.join("-").into());
+        }
+        table
+    };
+    Ok(found.into_iter().map(named).collect())
+}
+
+/// A value of a stage, and what tells it from the others.
+#[derive(Clone, Debug)]
+struct Choice {
+    labels: Vec<String>,
+    value: Value,
+}
+
+fn of_stage(value: &Value, names: &[&str]) -> Vec<Choice> {
+    match value {
+        Value::String(name) => {
+            let table = Table::from_iter([("algorithm".to_owned(), name.clone().into())]);
+            of_table(&table, names)
+        }
+        Value::Table(table) => of_table(table, names),
+        Value::Array(values) => {
+            let each = |value: &Value| {
+                let mut choices = of_stage(value, names);
+                for choice in &mut choices {
+                    let algorithm = choice.value.get("algorithm").and_then(Value::as_str);
+                    if let Some(name) = algorithm.filter(|name| !is_first(&choice.labels, name)) {
+                        choice.labels.insert(0, name.to_owned());
+                    }
+                }
+                choices
+            };
+            values.iter().flat_map(each).collect()
+        }
+        other => vec![Choice { labels: Vec::new(), value: other.clone() }],
+    }
+}
+
+fn is_first(labels: &[String], name: &str) -> bool {
+    labels.first().is_some_and(|label| label == name)
+}
+
+/// Each value of one key with each of the others; the algorithm first.
+fn of_table(table: &Table, names: &[&str]) -> Vec<Choice> {
+    let mut found = vec![Alternative::default()];
+    let algorithm = table.get_key_value("algorithm");
+    let others = table.iter().filter(|(key, _)| *key != "algorithm");
+    for (key, value) in algorithm.into_iter().chain(others) {
+        let every: Vec<Value> = names.iter().map(|name| Value::from(*name)).collect();
+        let (values, is_choice) = match value {
+            Value::Array(values) => (values.clone(), true),
+            Value::String(all) if key == "algorithm" && all == "all" => (every, true),
+            one => (vec![one.clone()], false),
+        };
+        let with = |before: &Alternative, value: &Value| {
+            let mut next = before.clone();
+            if is_choice {
+                let shown = value.as_str().map_or_else(|| value.to_string(), str::to_owned);
+                let is_name = key == "algorithm";
+                next.labels.push(if is_name { shown } else { format!("{key}={shown}") });
+            }
+            next.table.insert(key.clone(), value.clone());
+            next
+        };
+        found = found
+            .iter()
+            .flat_map(|before| values.iter().map(move |value| with(before, value)))
+            .collect();
+    }
+    found
+        .into_iter()
+        .map(|Alternative { labels, table }| Choice { labels, value: Value::Table(table) })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn names(text: &str) -> Vec<String> {
+        let table: Table = text.parse().expect("TOML");
+        let name = |table: &Table| table["name"].as_str().expect("a name").to_owned();
+        pipelines("plan", &table).expect("few").iter().map(name).collect()
+    }
+
+    #[test]
+    fn a_table_without_lists_is_one_pipeline_of_its_own_name() {
+        assert_eq!(names("name = 'a'\ndetect.algorithm = 'harris'"), ["a"]);
+    }
+
+    #[test]
+    fn every_value_of_a_list_goes_with_every_other() {
+        let text = "name = 'a'\nseeds.disc_px = [0.5, 1]\nrefine = ['foerstner', { algorithm = \
+                    'corner_sub_pix', half_window_px = [3, 5] }]";
+        assert_eq!(
+            names(text),
+            [
+                "a-disc_px=0.5-foerstner",
+                "a-disc_px=0.5-corner_sub_pix-half_window_px=3",
+                "a-disc_px=0.5-corner_sub_pix-half_window_px=5",
+                "a-disc_px=1-foerstner",
+                "a-disc_px=1-corner_sub_pix-half_window_px=3",
+                "a-disc_px=1-corner_sub_pix-half_window_px=5",
+            ]
+        );
+    }
+
+    #[test]
+    fn without_a_name_what_was_chosen_is_the_name() {
+        assert_eq!(
+            names("detect = ['harris', 'fast']\nrefine = 'none'"),
+            ["harris", "fast"],
+            "a single refiner tells nothing apart"
+        );
+        let all = names("seeds.disc_px = 1\nrefine.algorithm = 'all'");
+        assert_eq!(all.len(), REFINERS.len());
+        assert_eq!(all[0], REFINERS[0].name);
+    }
+
+    #[test]
+    fn too_many_combinations_are_refused() {
+        let many: Vec<String> = (0..101).map(|value| value.to_string()).collect();
+        let many = many.join(", ");
+        let text = format!("name = 'a'\nseeds.disc_px = [{many}]\nrefine.epsilon_px = [{many}]");
+        let table: Table = text.parse().expect("TOML");
+        let error = pipelines("plan", &table).expect_err("10,201").to_string();
+        assert!(error.contains("more than 10000 pipelines"), "{error}");
+    }
+}

@@ -1,0 +1,228 @@
+//! One scene: photographed by every camera, answered by every pipeline, scored.
+
+use std::fs;
+use std::path::Path;
+
+use super::answers::Answers;
+use super::pictures;
+use super::score::{Scorer, sketch};
+use crate::bound::{Seeing, corner_bounds};
+use crate::detect::Detection;
+use crate::error::{Error, Result};
+use crate::geometry::ImagePoint;
+use crate::metrics::Seen;
+use crate::plan::{Pipeline, Plan, Seeds, Shots, Stage};
+use crate::random::Stream;
+use crate::record::{RECORD_VERSION, Record, kind, status, track};
+use crate::scene::{Description, Scene, TrueCorner};
+use crate::sensor::{Kernel, PhotographBuffers, Photographer, RangeImage, RangeSensor, Rig, Shot};
+
+/// The rows of a scene. What a report draws of each camera's first photograph goes into `folder`/CAMERA.
+///
+/// # Errors
+/// When these cannot be written. What cannot be photographed is a row.
+pub(super) fn measure(
+    plan: &Plan,
+    suite: &str,
+    scene: &Scene,
+    folder: Option<&Path>,
+) -> Result<Vec<Record>> {
+    let mut records = Vec::new();
+    let mut buffers = PhotographBuffers::default();
+    for camera in &plan.cameras {
+        let folder = folder.map(|folder| folder.join(camera.name()));
+        let bent = match camera.through_lens(&scene.film, &scene.description.camera) {
+            Ok(bent) => bent,
+            // The lens folds this scene's image, not necessarily another's.
+            Err(error) => {
+                records.push(unreadable(suite, &scene.name, camera.name(), &error));
+                continue;
+            }
+        };
+        let film = bent.as_ref().unwrap_or(&scene.film);
+        for phase in 0..plan.shots.phases {
+            let phase_px = Shots::phase_px(phase);
+            let kernel = camera.kernel(film.oversampling, phase_px);
+            let station = Station { plan, suite, scene, camera, kernel: &kernel, phase };
+            for repeat in 0..plan.shots.repeats {
+                let number = phase * plan.shots.repeats + repeat;
+                let folder = folder.as_deref().filter(|_| number == 0);
+                match station.rows(film, number, folder, &mut buffers) {
+                    Ok(rows) => records.extend(rows),
+                    Err(Failure::Photograph(error)) => {
+                        records.push(unreadable(suite, &scene.name, camera.name(), &error));
+                    }
+                    Err(Failure::Output(error)) => return Err(error),
+                }
+            }
+        }
+    }
+    Ok(records)
+}
+
+/// What went wrong: with this scene, or with all that is to be written.
+enum Failure {
+    Photograph(Error),
+    Output(Error),
+}
+
+/// Where photographs of one scene are taken from: a camera at a phase.
+struct Station<'a> {
+    plan: &'a Plan,
+    suite: &'a str,
+    scene: &'a Scene,
+    camera: &'a Photographer,
+    kernel: &'a Kernel,
+    phase: u32,
+}
+
+impl Station<'_> {
+    /// The rows of one photograph.
+    fn rows(
+        &self,
+        film: &crate::scene::Film,
+        number: u32,
+        folder: Option<&Path>,
+        buffers: &mut PhotographBuffers,
+    ) -> std::result::Result<Vec<Record>, Failure> {
+        let Self { plan, suite, scene, camera, kernel, .. } = *self;
+        let text = number.to_string();
+        let name = [suite, scene.name.as_str(), &text];
+        let film_camera = scene.description.camera;
+        let shot = Shot { name: &name, window: None };
+        let photograph = camera.expose(film, &film_camera, kernel, &shot, buffers);
+        let truth = scene.truth.seen_by(&film_camera, &photograph.camera);
+        let noise_free = camera.noise_free(&photograph);
+        let exposure = &photograph.exposure;
+        let world_from_camera = scene.description.world_from_camera;
+        let rig = Rig { camera: photograph.camera, world_from_camera };
+        let range =
+            range_image(&plan.range_sensor_model, scene, &name).map_err(Failure::Photograph)?;
+        let depth_range_m = match folder {
+            Some(folder) => write_pictures(folder, exposure, scene).map_err(Failure::Output)?,
+            None => [0.0; 2],
+        };
+        let colour = camera.model().colour;
+        let seeing = Seeing { exposure: &noise_free, colour, blur_px: photograph.blur_px };
+        let bounds = corner_bounds(&truth, &rig, &seeing);
+        let scorer = Scorer {
+            seen: Seen::new(scene, &truth, bounds, &rig),
+            rig: &rig,
+            rule: plan.corner_rule,
+            gain: camera.model().gain,
+        };
+        let asked: Vec<&TrueCorner> = scorer.seen.asked(plan.corner_rule).collect();
+        let mut records = Vec::new();
+        for pipeline in &plan.pipelines {
+            let given = match pipeline.seeds {
+                Seeds::Disc { radius_px } => seeds_in_disc(&asked, radius_px, &name),
+                Seeds::Detected { .. } => Vec::new(),
+            };
+            let answers = Answers::of(pipeline, exposure, &rig, &range, &given);
+            let template = self.template(pipeline, number, photograph.blur_px);
+            records.extend(scorer.records(&template, pipeline, &answers));
+            // What a report draws: the way to a grasp.
+            let Some(folder) = folder.filter(|_| pipeline.grasp.is_some()) else { continue };
+            let sketch = sketch(scene, &truth, &answers, depth_range_m);
+            let written = || -> Result<()> {
+                if let Some(Ok(region)) = &answers.region {
+                    let path = folder.join(format!("{}-target.png", pipeline.name));
+                    pictures::write_target(&path, exposure, region)?;
+                }
+                crate::files::write_json(&folder.join(format!("{}.json", pipeline.name)), &sketch)
+            };
+            written().map_err(Failure::Output)?;
+        }
+        Ok(records)
+    }
+
+    /// A record with everything that is the same for all rows of a photograph and method.
+    fn template(&self, pipeline: &Pipeline, number: u32, blur_px: f64) -> Record {
+        let [phase_x_px, phase_y_px] = Shots::phase_px(self.phase);
+        let (track, disc_px, detector) = match &pipeline.seeds {
+            Seeds::Disc { radius_px } => (track::REFINEMENT, Some(*radius_px), None),
+            Seeds::Detected { detect, .. } => (track::END_TO_END, None, Some(detect.label())),
+        };
+        let Description { family, pose, split, .. } = &self.scene.description;
+        Record {
+            record_version: RECORD_VERSION,
+            cornerbench_version: env!("CARGO_PKG_VERSION").to_owned(),
+            suite: self.suite.to_owned(),
+            scene: self.scene.name.clone(),
+            scene_recipe_sha256: self.scene.recipe_sha256.clone(),
+            family: family.clone(),
+            pose: pose.clone(),
+            split: Some(split.name().to_owned()),
+            camera: self.camera.name().to_owned(),
+            exposure: i32::try_from(number).ok(),
+            phase_x_px: Some(phase_x_px),
+            phase_y_px: Some(phase_y_px),
+            blur_px: Some(blur_px),
+            method: pipeline.name.clone(),
+            track: track.to_owned(),
+            seed_disc_px: disc_px,
+            target_extractor: pipeline.seeds.target().map(Stage::label),
+            detector,
+            refiner: pipeline.refine.label(),
+            face_selector: pipeline.grasp.as_ref().map(|grasp| grasp.face.label()),
+            grasp_estimator: pipeline.grasp.as_ref().map(|grasp| grasp.point.label()),
+            target_visible_fraction: Some(self.scene.truth.target_visible_fraction),
+            ..Record::default()
+        }
+    }
+}
+
+/// A seed of each corner, anywhere in a disc about it. A corner has one place in the disc of every radius.
+fn seeds_in_disc(corners: &[&TrueCorner], radius_px: f64, name: &[&str]) -> Vec<Detection> {
+    let seed = |corner: &&TrueCorner| {
+        let index = corner.index.to_string();
+        let [x, y] = Stream::named(&[name, &["seed", &index]].concat()).in_disc();
+        let ImagePoint { x: true_x, y: true_y } = corner.image_point_px;
+        Detection::new(ImagePoint::new(true_x + radius_px * x, true_y + radius_px * y), 1.0)
+    };
+    corners.iter().map(seed).collect()
+}
+
+/// What a range sensor tells of a scene; `name` names its noise.
+pub(super) fn range_image(
+    sensor: &RangeSensor,
+    scene: &Scene,
+    name: &[&str],
+) -> Result<RangeImage> {
+    let Description { range_camera, world_from_range, .. } = &scene.description;
+    sensor.measure(&scene.range, range_camera, *world_from_range, name)
+}
+
+fn write_pictures(
+    folder: &Path,
+    exposure: &crate::sensor::Exposure,
+    scene: &Scene,
+) -> Result<[f64; 2]> {
+    fs::create_dir_all(folder).map_err(Error::io(folder, "create"))?;
+    pictures::write_exposure(&folder.join("exposure.png"), exposure)?;
+    pictures::write_depth(&folder.join("depth.png"), &scene.geometry.depth_m)
+}
+
+/// The rows of a scene that no camera can photograph.
+pub(super) fn unreadable_by_all(
+    plan: &Plan,
+    suite: &str,
+    scene: &str,
+    error: &Error,
+) -> Vec<Record> {
+    plan.cameras.iter().map(|camera| unreadable(suite, scene, camera.name(), error)).collect()
+}
+
+fn unreadable(suite: &str, scene: &str, camera: &str, error: &Error) -> Record {
+    Record {
+        record_version: RECORD_VERSION,
+        cornerbench_version: env!("CARGO_PKG_VERSION").to_owned(),
+        suite: suite.to_owned(),
+        scene: scene.to_owned(),
+        camera: camera.to_owned(),
+        kind: kind::SCENE.to_owned(),
+        status: status::UNREADABLE.to_owned(),
+        reason: Some(error.chain()),
+        ..Record::default()
+    }
+}

@@ -1,0 +1,302 @@
+//! Runs: both tracks, several cameras and photographs, shards, runs that were killed.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::sync::OnceLock;
+use std::time::Duration;
+
+use cornerbench::record::{Record, kind, read_records, status, track};
+use cornerbench::scene::Dataset;
+
+use crate::dataset::json;
+use crate::support::{
+    copy_folder, cornerbench, plain_dataset, recipes, run, stderr, stdout, succeed,
+};
+
+/// A dataset of so many copies of the two plain scenes.
+fn copies(folder: &Path, count: usize) -> PathBuf {
+    let dataset = folder.join("dataset");
+    let mut manifest = json(&plain_dataset().join("dataset.json"));
+    let mut scenes = serde_json::Map::new();
+    for index in 0..count {
+        let original = ["above", "oblique"][index % 2];
+        let name = format!("{original}-{index}");
+        copy_folder(&plain_dataset().join(original), &dataset.join(&name));
+        scenes.insert(name, manifest["scenes"][original].clone());
+    }
+    manifest["scenes"] = scenes.into();
+    fs::write(dataset.join("dataset.json"), manifest.to_string()).expect("written");
+    assert_eq!(Dataset::open(&dataset).expect("a dataset").scenes().count(), count);
+    dataset
+}
+
+fn measure(plan: &str, dataset: &Path, output: &Path, more: &[&str]) -> Command {
+    let mut command = cornerbench();
+    command.args(["measure", plan, "--quiet", "--recipes"]).arg(recipes()).args(more);
+    command.arg("--output").arg(output).arg(dataset);
+    command
+}
+
+/// The rows of plan `seeds` over the plain dataset, measured once.
+fn rows() -> &'static [Record] {
+    static ROWS: OnceLock<Vec<Record>> = OnceLock::new();
+    ROWS.get_or_init(|| {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        succeed(&mut measure("seeds", plain_dataset(), folder.path(), &[]));
+        read_records(&folder.path().join("records.parquet")).expect("records")
+    })
+}
+
+fn is_asked_for(record: &&Record) -> bool {
+    record.kind == kind::CORNER && [status::OK, status::MISSED].contains(&record.status.as_str())
+}
+
+#[test]
+fn every_combination_is_measured_on_every_photograph() {
+    let methods: BTreeSet<&str> = rows().iter().map(|record| record.method.as_str()).collect();
+    assert_eq!(
+        methods.into_iter().collect::<Vec<_>>(),
+        [
+            "found-junction_fit",
+            "found-none",
+            "given-disc_px=0.5-corner_sub_pix-half_window_px=3",
+            "given-disc_px=0.5-corner_sub_pix-half_window_px=5",
+            "given-disc_px=0.5-junction_fit",
+            "given-disc_px=0.5-none",
+            "given-disc_px=2-corner_sub_pix-half_window_px=3",
+            "given-disc_px=2-corner_sub_pix-half_window_px=5",
+            "given-disc_px=2-junction_fit",
+            "given-disc_px=2-none",
+        ]
+    );
+    let mut photographs: BTreeMap<(&str, &str, &str), BTreeSet<i32>> = BTreeMap::new();
+    for record in rows() {
+        let key = (record.scene.as_str(), record.camera.as_str(), record.method.as_str());
+        photographs.entry(key).or_default().insert(record.exposure.expect("a number"));
+    }
+    assert_eq!(photographs.len(), 2 * 2 * 10);
+    assert!(photographs.values().all(|found| found.iter().copied().eq(0..4)));
+}
+
+#[test]
+fn given_seeds_lie_evenly_in_their_disc_and_judge_the_refiner_alone() {
+    let given = || rows().iter().filter(|record| record.track == track::REFINEMENT);
+    assert!(given().all(|record| record.kind == kind::CORNER && record.detector.is_none()));
+    assert!(given().filter(is_asked_for).all(|record| record.status == status::OK));
+    for disc_px in [0.5, 2.0] {
+        let distances: Vec<f64> = given()
+            .filter(|record| record.seed_disc_px == Some(disc_px))
+            .filter(|record| record.method.ends_with("none"))
+            .filter_map(|record| record.detected_error_px)
+            .collect();
+        assert!(distances.len() > 50, "{}", distances.len());
+        assert!(distances.iter().all(|distance| *distance <= disc_px));
+        let square = distances.iter().map(|d| d * d).sum::<f64>() / distances.len() as f64;
+        // Half of the radius squared; so many seeds say it to within a quarter of that.
+        let share = square / (disc_px * disc_px);
+        assert!((share - 0.5).abs() < 0.13, "{share}");
+    }
+}
+
+#[test]
+fn seeds_of_one_corner_are_the_same_for_every_refiner_and_in_proportion_for_every_disc() {
+    let mut seen: BTreeMap<_, Vec<[f64; 2]>> = BTreeMap::new();
+    let given = rows().iter().filter(|record| record.track == track::REFINEMENT);
+    for record in given.filter(is_asked_for) {
+        let key = (&record.scene, &record.camera, record.exposure, record.corner_index);
+        let disc_px = record.seed_disc_px.expect("a radius");
+        let off = |at: Option<f64>, truth: Option<f64>| Some((at? - truth?) / disc_px);
+        let off = [
+            off(record.detected_x_px, record.true_x_px).expect("a seed"),
+            off(record.detected_y_px, record.true_y_px).expect("a seed"),
+        ];
+        seen.entry(key).or_default().push(off);
+    }
+    for (key, offs) in seen {
+        assert_eq!(offs.len(), 8, "{key:?}");
+        assert!(
+            offs.iter().flatten().zip(offs[0].iter().cycle()).all(|(a, b)| (a - b).abs() < 1e-9)
+        );
+    }
+}
+
+#[test]
+fn a_phase_moves_the_truth_and_a_repeat_the_noise_alone() {
+    let of = |exposure: i32, camera: &str| -> Vec<&Record> {
+        let method = "given-disc_px=2-junction_fit";
+        rows()
+            .iter()
+            .filter(|r| r.method == method && r.camera == camera && r.exposure == Some(exposure))
+            .filter(is_asked_for)
+            .collect()
+    };
+    for camera in ["ideal", "noisy"] {
+        let first = of(0, camera);
+        assert!(first.iter().all(|r| (r.phase_x_px, r.phase_y_px) == (Some(0.0), Some(0.0))));
+        for later in of(2, camera) {
+            let [x, y] = [later.phase_x_px, later.phase_y_px].map(|phase| phase.expect("a phase"));
+            assert!(x.abs() <= 0.5 && y.abs() <= 0.5 && x != 0.0);
+            let same =
+                |r: &&&Record| (&r.scene, r.corner_index) == (&later.scene, later.corner_index);
+            let Some(before) = first.iter().find(same) else { continue };
+            // The film's point at the phase is pixel (0, 0): truth moves the other way.
+            let moved = |a: Option<f64>, b: Option<f64>| a.expect("truth") - b.expect("truth");
+            assert!((moved(later.true_x_px, before.true_x_px) + x).abs() < 1e-9);
+            assert!((moved(later.true_y_px, before.true_y_px) + y).abs() < 1e-9);
+        }
+    }
+    let truths = |rows: Vec<&Record>| rows.iter().map(|r| r.true_x_px).collect::<Vec<_>>();
+    assert_eq!(truths(of(0, "noisy")), truths(of(1, "noisy")));
+    let places = |rows: Vec<&Record>| rows.iter().map(|r| r.refined_x_px).collect::<Vec<_>>();
+    assert_ne!(places(of(0, "noisy")), places(of(1, "noisy")), "each has noise of its own");
+}
+
+#[test]
+fn an_error_in_the_corners_own_frame_is_the_error() {
+    let mut count = 0;
+    for record in rows().iter().filter(|record| record.refined_along_px.is_some()) {
+        let [along, across, error] =
+            [record.refined_along_px, record.refined_across_px, record.refined_error_px]
+                .map(|value| value.expect("a number"));
+        assert!((along.hypot(across) - error).abs() < 1e-9, "{record:?}");
+        count += 1;
+    }
+    assert!(count > 500, "{count}");
+    // Harris's maxima lie inside a corner, junction_fit's answers on both sides of it.
+    let mean = |method: &str| {
+        let of_method = rows().iter().filter(|r| r.method == method && r.camera == "ideal");
+        let along: Vec<f64> = of_method.filter_map(|r| r.refined_along_px).collect();
+        along.iter().sum::<f64>() / along.len() as f64
+    };
+    let (inside, fitted) = (mean("found-none"), mean("given-disc_px=0.5-junction_fit"));
+    assert!(inside > 0.3 && fitted.abs() < 0.2, "{inside} {fitted}");
+}
+
+#[test]
+fn shards_merged_are_the_unsharded_run_byte_for_byte() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let dataset = copies(folder.path(), 5);
+    let at = |name: &str| folder.path().join(name);
+    succeed(&mut measure("seeds", &dataset, &at("whole"), &["--threads", "2"]));
+    for shard in ["0/3", "1/3", "2/3"] {
+        let name = shard.replace('/', "of");
+        succeed(&mut measure("seeds", &dataset, &at(&name), &["--shard", shard, "--threads", "1"]));
+    }
+    let merge = |shards: &[&str], output: &str| {
+        let mut command = cornerbench();
+        command.args(["merge", "--quiet"]).args(shards.iter().map(|name| at(name)));
+        run(command.arg("-o").arg(at(output)))
+    };
+    let merged = merge(&["2of3", "0of3", "1of3"], "merged");
+    assert!(merged.status.success(), "{}", stderr(&merged));
+    for file in ["records.parquet", "summary.json", "report/index.html"] {
+        let read = |run: &str| fs::read(at(run).join(file)).expect("a file");
+        let is_page = file.ends_with("html"); // it names the command line
+        assert!(is_page || read("whole") == read("merged"), "{file} differs");
+    }
+
+    let refused: [(&[&str], &str); 4] = [
+        (&["0of3", "1of3"], "shard 2/3 is missing"),
+        (&["0of3", "1of3", "1of3"], "are both shard 1/3"),
+        (&["0of3", "whole"], "is a whole run, not a shard"),
+        (&["0of3", "elsewhere"], "run.json"),
+    ];
+    for (shards, words) in refused {
+        let output = merge(shards, "refused");
+        assert_eq!(output.status.code(), Some(2));
+        assert!(stderr(&output).contains(words), "{words}: {}", stderr(&output));
+    }
+    let output = merge(&["0of3", "1of3", "2of3"], "merged");
+    assert!(stderr(&output).contains("holds a run already"), "{}", stderr(&output));
+}
+
+#[test]
+fn a_run_killed_twenty_times_ends_with_the_same_bytes() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let dataset = copies(folder.path(), 8);
+    let (whole, killed) = (folder.path().join("whole"), folder.path().join("killed"));
+    succeed(&mut measure("plain", &dataset, &whole, &[]));
+    let mut parts = 0;
+    for kill in 0..20 {
+        let mut command = measure("plain", &dataset, &killed, &["--threads", "1"]);
+        let mut child =
+            command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("it starts");
+        // Early and late, on another way each time: within the first scene, or behind some.
+        std::thread::sleep(Duration::from_millis(100 + 97 * kill % 900));
+        child.kill().expect("it is killed");
+        child.wait().expect("it ended");
+        let there = fs::read_dir(killed.join("parts")).map_or(0, Iterator::count);
+        if killed.join("run.json").is_file() {
+            break;
+        }
+        assert!(there >= parts, "what was done is kept: {parts}, then {there}");
+        parts = there;
+    }
+    assert!(parts > 0, "some scenes were done before a kill");
+    succeed(&mut measure("plain", &dataset, &killed, &[]));
+    for file in ["records.parquet", "summary.json"] {
+        let read = |run: &Path| fs::read(run.join(file)).expect("a file");
+        assert!(read(&whole) == read(&killed), "{file} differs");
+    }
+    assert!(!killed.join("parts").exists() && !killed.join("unfinished.json").exists());
+}
+
+#[test]
+fn what_another_plan_left_unfinished_is_not_taken_over() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let (output, fresh) = (folder.path().join("run"), folder.path().join("fresh"));
+    succeed(&mut measure("plain", plain_dataset(), &output, &[]));
+    succeed(&mut measure("seeds", plain_dataset(), &output, &[]));
+    succeed(&mut measure("seeds", plain_dataset(), &fresh, &[]));
+    let read = |run: &Path| fs::read(run.join("records.parquet")).expect("records");
+    assert!(read(&output) == read(&fresh));
+    assert!(!output.join("scenes/above/ideal/paper.json").exists(), "the other plan's sketches");
+}
+
+#[test]
+fn list_says_what_would_run_and_measures_nothing() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let said = succeed(&mut measure(
+        "seeds",
+        plain_dataset(),
+        &folder.path().join("run"),
+        &["--list", "--shard", "1/2"],
+    ));
+    assert!(said.contains("given-disc_px=0.5-corner_sub_pix-half_window_px=3\n"), "{said}");
+    let words = "10 methods on 8 photographs of each of 1 scenes (ideal, noisy)";
+    assert!(said.contains(words) && said.contains("about "), "{said}");
+    assert!(!folder.path().join("run").exists());
+}
+
+#[test]
+fn plans_that_make_no_sense_say_why() {
+    let copy = tempfile::tempdir().expect("a temporary folder");
+    copy_folder(&recipes(), copy.path());
+    let cases = [
+        ("camera = ['ideal', 'ideal']", "seeds.disc_px = 1", "two cameras are called \"ideal\""),
+        ("camera = 'idael'", "seeds.disc_px = 1", "did you mean \"ideal\""),
+        ("phases = 0", "seeds.disc_px = 1", "phases"),
+        ("", "seeds.disc_px = -1", "disc_px"),
+        ("", "seeds.disk_px = 1", "did you mean \"disc_px\""),
+        ("", "seeds.disc_px = 1\ndetect = 'harris'", "leave out either"),
+        ("", "refine = 'none'", "no candidates; give `detect`, or `seeds`"),
+        ("", "detect = 'haris'", "did you mean \"harris\""),
+        ("", "detect = ['harris', 'harris']", "two pipelines are called \"a-harris\""),
+        ("", "detect = { algorithm = 'harris', kk = [0.04, 0.05] }", "did you mean \"k\""),
+        ("", "detect = { algorithm = 'harris', k = [0.04, 5] }", "k is 5"),
+    ];
+    for (head, pipeline, words) in cases {
+        let text = format!("{head}\n[[pipelines]]\nname = 'a'\n{pipeline}\n");
+        fs::write(copy.path().join("plans/odd.toml"), &text).expect("written");
+        let output = run(cornerbench()
+            .args(["measure", "odd", "--recipes"])
+            .arg(copy.path())
+            .arg("-o")
+            .arg(copy.path().join("run"))
+            .arg(plain_dataset()));
+        assert_eq!(output.status.code(), Some(2), "{text}: {}", stdout(&output));
+        assert!(stderr(&output).contains(words), "{text}: {words}: {}", stderr(&output));
+    }
+}
