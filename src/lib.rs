@@ -21,6 +21,7 @@ pub mod image;
 pub mod junction;
 pub mod matching;
 pub mod metrics;
+pub mod picture;
 pub mod plan;
 pub mod random;
 pub mod record;

@@ -1,18 +1,29 @@
-//! `cornerbench locate`: a detector and a refiner on a picture of one's own.
+//! `cornerbench locate`: detectors and refiners on pictures of one's own.
 
-use std::path::PathBuf;
+mod output;
 
-use super::{Ended, Global, print_line, project};
-use crate::detect::Detection;
+use std::path::{Path, PathBuf};
+
+use rayon::prelude::*;
+
+use super::progress::counting;
+use super::{Ended, Global, project};
+use crate::detect::{DETECTORS, Detection, Detector};
 use crate::error::{Error, Result};
 use crate::geometry::ImagePoint;
-use crate::plan::{Plan, Seeds};
-use crate::sensor::Exposure;
+use crate::picture::{
+    KnownCorner, KnownCorners, Located, Making, Origin, find_pictures, read_picture,
+};
+use crate::plan::{Plan, Seeds, read_camera};
+use crate::refine::{REFINERS, Refiner};
+use crate::registry::{self, Entry};
+use crate::sensor::Transfer;
 
 #[derive(clap::Args)]
 pub(super) struct Options {
-    /// A PNG, JPEG, TIFF or BMP picture; more than 8 bits per sample are rounded to 8.
-    image: PathBuf,
+    /// Pictures, or folders of pictures: PNG, JPEG, TIFF, BMP or OpenEXR, by 8 or 16 bits or floats.
+    #[arg(required = true, value_name = "IMAGE|FOLDER")]
+    images: Vec<PathBuf>,
     /// A point to refine instead of detected ones, in pixels: the centre of the top-left pixel is
     /// 0,0. May be given many times.
     #[arg(long, value_name = "X,Y", value_parser = parse_point, allow_hyphen_values = true)]
@@ -20,18 +31,148 @@ pub(super) struct Options {
     /// A file of points to refine, X,Y a line.
     #[arg(long, value_name = "FILE")]
     points: Option<PathBuf>,
+    /// A CSV or JSON file of known corners: columns or keys image, x_px, y_px, index, name. They are
+    /// the seeds, too, where no others are asked for.
+    #[arg(long, value_name = "FILE")]
+    known: Option<PathBuf>,
+    /// What the coordinates of --points and --known count from.
+    #[arg(long, value_enum, value_name = "ORIGIN", default_value_t)]
+    origin: Origin,
+    /// The detector, with its defaults, instead of the plan's; `cornerbench list detectors` names them.
+    #[arg(long, value_name = "NAME", conflicts_with_all = ["at", "points"])]
+    detector: Option<String>,
+    /// Refiners, with their defaults, instead of the plan's, side by side; "all" is every one.
+    #[arg(long, value_name = "NAME", value_delimiter = ',')]
+    refiner: Vec<String>,
     /// The plan whose first pipeline names detector and refiner.
     #[arg(long, default_value = "paper")]
     plan: String,
+    /// The curve from light to samples: linear, srgb, or gamma2.2 and the like; sRGB of whole
+    /// numbers, linear of floats, where this is not given.
+    #[arg(long, value_name = "CURVE", value_parser = parse_transfer, conflicts_with = "camera")]
+    transfer: Option<Transfer>,
+    /// Of linear floats the value of full scale; just above a picture's brightest sample where this
+    /// is not given.
+    #[arg(long, value_name = "VALUE", conflicts_with = "camera")]
+    white: Option<f64>,
+    /// The camera that took them: its curve, black level, noise and mosaic; `cornerbench list cameras`
+    /// names some.
+    #[arg(long, value_name = "NAME")]
+    camera: Option<String>,
+    /// A CSV file for all corners.
+    #[arg(short, long, value_name = "FILE")]
+    output: Option<PathBuf>,
+}
+
+/// An algorithm and what it is called.
+struct Named<T: ?Sized> {
+    name: String,
+    algorithm: Box<T>,
+}
+
+/// What to do with each picture.
+struct Task {
+    detector: Box<dyn Detector>,
+    refiners: Vec<Named<dyn Refiner>>,
+    /// Seeds that were given; no detector is asked then.
+    points: Option<Vec<ImagePoint>>,
+    known: Option<KnownCorners>,
+    /// Whether seeds are the known corners.
+    seeds_known: bool,
 }
 
 pub(super) fn run(global: &Global, options: &Options) -> Result<Ended> {
+    let task = task(global, options)?;
+    if let Some(white) = options.white {
+        let above_zero = (std::ops::Bound::Excluded(0.0), std::ops::Bound::Included(1e9));
+        registry::in_range("command line", "--white", white, above_zero)?;
+    }
+    let camera = match &options.camera {
+        Some(name) => Some(read_camera(&project::recipes(global)?, name)?),
+        None => None,
+    };
+    let making =
+        Making { camera: camera.as_ref(), transfer: options.transfer, white: options.white };
+    let pictures = pictures(&options.images)?;
+    let known = match &task.known {
+        Some(known) => known.of_pictures(&pictures)?,
+        None => vec![Vec::new(); pictures.len()],
+    };
+    let bar = (pictures.len() > 1).then(|| counting(global, pictures.len()));
+    let tried: Vec<Result<Located>> = pictures
+        .par_iter()
+        .zip(known)
+        .map(|(path, known)| {
+            let located = task.locate(path, known, &making);
+            bar.iter().for_each(|bar| bar.inc(1));
+            located
+        })
+        .collect();
+    bar.iter().for_each(indicatif::ProgressBar::finish_and_clear);
+    let mut located = Vec::new();
+    let mut failures = Vec::new();
+    for tried in tried {
+        match tried {
+            Ok(picture) => located.push(picture),
+            Err(error) => failures.push(error),
+        }
+    }
+    if located.is_empty() && !failures.is_empty() {
+        return Err(failures.swap_remove(0));
+    }
+    for failure in &failures {
+        eprintln!("skipped: {}", failure.chain());
+    }
+    output::show(global, options, &task, &located)?;
+    Ok(if failures.is_empty() { Ended::Well } else { Ended::Partly })
+}
+
+fn task(global: &Global, options: &Options) -> Result<Task> {
     let plan = Plan::read(&project::recipes(global)?, &options.plan)?;
-    let pipeline = &plan.pipelines[0];
-    let picture = image::open(&options.image)
-        .map_err(|error| Error::malformed(&options.image, error))?
-        .into_rgb8();
-    let exposure = Exposure::from_picture(&picture);
+    // A plan has one at least.
+    let pipeline = plan.pipelines.into_iter().next();
+    let pipeline =
+        pipeline.ok_or_else(|| Error::Other(format!("plan {}: no pipelines", options.plan)))?;
+    let detector = match (&options.detector, pipeline.seeds) {
+        (Some(name), _) => built(DETECTORS, "detector", "--detector", name)?,
+        (None, Seeds::Detected { detect, .. }) => detect.algorithm,
+        (None, Seeds::Disc { .. }) => {
+            return Err(Error::Other(format!(
+                "plan {}: its first pipeline has no detector; give --detector, or another --plan",
+                options.plan
+            )));
+        }
+    };
+    let names: Vec<&str> = if options.refiner.iter().any(|name| name == "all") {
+        REFINERS.iter().map(|entry| entry.name).collect()
+    } else {
+        options.refiner.iter().map(String::as_str).collect()
+    };
+    let mut refiners = Vec::new();
+    for (index, name) in names.iter().enumerate() {
+        let algorithm = built(REFINERS, "refiner", "--refiner", name)?;
+        if !names[..index].contains(name) {
+            refiners.push(Named { name: (*name).to_owned(), algorithm });
+        }
+    }
+    if refiners.is_empty() {
+        let stage = pipeline.refine;
+        refiners.push(Named { name: stage.name.to_owned(), algorithm: stage.algorithm });
+    }
+    let known = options.known.as_ref().map(|path| KnownCorners::read(path, options.origin));
+    let known = known.transpose()?;
+    let points = points(options)?;
+    let seeds_known = known.is_some() && points.is_none() && options.detector.is_none();
+    Ok(Task { detector, refiners, points, known, seeds_known })
+}
+
+fn built<T: ?Sized>(entries: &[Entry<T>], kind: &str, option: &str, name: &str) -> Result<Box<T>> {
+    let entry = registry::find(entries, kind, name, option)?;
+    (entry.build)(option, &(entry.defaults)())
+}
+
+/// The points of the command line and of a file; `None` where neither was asked for.
+fn points(options: &Options) -> Result<Option<Vec<ImagePoint>>> {
     let mut points = options.at.clone();
     if let Some(path) = &options.points {
         let text = std::fs::read_to_string(path).map_err(Error::io(path, "read"))?;
@@ -39,42 +180,41 @@ pub(super) fn run(global: &Global, options: &Options) -> Result<Ended> {
             let point = parse_point(line).map_err(|problem| {
                 Error::malformed(path, format!("line {}: {problem}", index + 1))
             })?;
-            points.push(point);
+            points.push(options.origin.point(point.into()));
         }
     }
-    let seeds: Vec<Detection> = if options.at.is_empty() && options.points.is_none() {
-        let Seeds::Detected { detect, .. } = &pipeline.seeds else {
-            return Err(Error::Other(format!(
-                "plan {}: its first pipeline has no detector; choose another --plan, or give --at X,Y",
-                options.plan
-            )));
-        };
-        detect.algorithm.detect(&exposure, None)
-    } else {
-        points.into_iter().map(|point| Detection::new(point, 0.0)).collect()
-    };
-    for corner in pipeline.refine.algorithm.refine(&exposure, &seeds) {
-        let (seed, at) = (corner.seed.point, corner.position);
-        if global.json {
-            print_line(serde_json::json!({
-                "seed_px": seed,
-                "position_px": at,
-                "status": corner.status.name(),
-                "iterations": corner.iterations,
-                "response": corner.seed.response,
-            }))?;
+    Ok((!options.at.is_empty() || options.points.is_some()).then_some(points))
+}
+
+/// The pictures, and those of the folders, in the order in which they are given.
+fn pictures(given: &[PathBuf]) -> Result<Vec<PathBuf>> {
+    let mut pictures = Vec::new();
+    for path in given {
+        if path.is_dir() {
+            pictures.extend(find_pictures(path)?);
         } else {
-            print_line(format_args!(
-                "({:.3}, {:.3}) -> ({:.4}, {:.4})  {}",
-                seed.x,
-                seed.y,
-                at.x,
-                at.y,
-                corner.status.name()
-            ))?;
+            pictures.push(path.clone());
         }
     }
-    Ok(Ended::Well)
+    Ok(pictures)
+}
+
+impl Task {
+    fn locate(&self, path: &Path, known: Vec<KnownCorner>, making: &Making) -> Result<Located> {
+        let exposure = read_picture(path, making)?;
+        if let Some(file) = &self.known {
+            file.check_inside(&known, exposure.width(), exposure.height())?;
+        }
+        let at = |point: ImagePoint| Detection::new(point, 0.0);
+        let seeds: Vec<Detection> = match &self.points {
+            Some(points) => points.iter().copied().map(at).collect(),
+            None if self.seeds_known => known.iter().map(|corner| at(corner.point)).collect(),
+            None => self.detector.detect(&exposure, None),
+        };
+        let refined = |named: &Named<dyn Refiner>| named.algorithm.refine(&exposure, &seeds);
+        let corners = self.refiners.iter().map(refined).collect();
+        Ok(Located::new(path.to_owned(), corners, known))
+    }
 }
 
 pub(super) fn parse_point(text: &str) -> std::result::Result<ImagePoint, String> {
@@ -86,5 +226,15 @@ pub(super) fn parse_point(text: &str) -> std::result::Result<ImagePoint, String>
     match numbers[..] {
         [x, y] if x.is_finite() && y.is_finite() => Ok(ImagePoint::new(x, y)),
         _ => Err(format!("{text:?} is no point, must be two finite numbers X,Y")),
+    }
+}
+
+fn parse_transfer(text: &str) -> std::result::Result<Transfer, String> {
+    let gamma = |text: &str| text.strip_prefix("gamma")?.parse().ok();
+    match (text, gamma(text)) {
+        ("linear", _) => Ok(Transfer::Linear),
+        ("srgb", _) => Ok(Transfer::Srgb),
+        (_, Some(gamma)) if (1.0..=4.0).contains(&gamma) => Ok(Transfer::Power { gamma }),
+        _ => Err("must be linear, srgb, or gamma and a number in [1, 4]: gamma2.2".to_owned()),
     }
 }

@@ -44,7 +44,7 @@ pub fn tables(summary: &Summary) -> String {
 }
 
 /// A table; numbers, all that starts with a digit or a dash, stand to the right.
-fn table_of(words: &Words) -> Table {
+pub(crate) fn table_of(words: &Words) -> Table {
     let mut table = Table::new();
     table
         .load_style(presets::UTF8_HORIZONTAL_ONLY)

@@ -204,6 +204,11 @@ impl Exposure {
         slope * slope * noise.sensor.variance_dn2(raw_dn) + rounding
     }
 
+    /// It, of a sensor of which is known where it is saturated, and its noise.
+    pub(super) fn with_sensor(self, saturated: Plane<bool>, noise: Option<NoiseModel>) -> Self {
+        Self { saturated, noise, ..self }
+    }
+
     /// It, of a camera whose intrinsics are known.
     #[must_use]
     pub fn with_camera(self, camera: Camera) -> Self {

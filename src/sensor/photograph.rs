@@ -95,6 +95,11 @@ impl Photographer {
         &self.name
     }
 
+    /// Whether its colours are made of a mosaic.
+    pub fn has_mosaic(&self) -> bool {
+        self.model.colour == Colour::Rggb && self.model.output.demosaic != Demosaic::Raw
+    }
+
     /// The camera's model.
     pub fn model(&self) -> &CameraModel {
         &self.model
@@ -252,6 +257,37 @@ impl Photographer {
         self.of_mosaic(exposure, [0, 0])
     }
 
+    /// What a picture's samples \[DN\] are, the whole frame of which this camera took: its curve, black level, noise,
+    /// saturation and mosaic are the model's. A sample is at most full scale.
+    ///
+    /// # Errors
+    /// As of [`Exposure::new`].
+    pub fn exposure_of(&self, rgb: [Plane<f32>; 3]) -> Result<Exposure> {
+        let encoding = self.encoding();
+        let exposure = Exposure::new(rgb, encoding)?;
+        let rgb = exposure.rgb();
+        let span_dn = encoding.full_scale_dn() - encoding.black_dn;
+        #[allow(clippy::cast_possible_truncation, reason = "at most 65535")]
+        let full = self.full_light().map(|light| {
+            (encoding.black_dn + span_dn * encoding.transfer.encode(light.into()) - 0.5) as f32
+        });
+        let saturated = Plane::from_fn(rgb[0].width(), rgb[0].height(), |x, y| {
+            (0..3).any(|channel| rgb[channel].at(x, y) >= full[channel])
+        });
+        let saturated = dilated(&saturated, self.reach());
+        Ok(self.of_mosaic(exposure.with_sensor(saturated, self.noise()), [0, 0]))
+    }
+
+    /// How samples are to be read.
+    fn encoding(&self) -> Encoding {
+        let output = &self.model.output;
+        Encoding {
+            bit_depth: output.bit_depth,
+            transfer: output.curve(),
+            black_dn: output.black_dn,
+        }
+    }
+
     /// What becomes of light in each channel, but for noise: as [`Self::digitise`] leaves it, full scale is 1.
     fn light_factors(&self) -> [f32; 3] {
         let sensor = self.model.sensor.as_ref();
@@ -272,12 +308,7 @@ impl Photographer {
 
     /// An exposure that knows which samples are the sensor's own; its first pixel is this one of the sensor.
     fn of_mosaic(&self, exposure: Exposure, origin: [usize; 2]) -> Exposure {
-        let is_mosaic = self.model.colour == Colour::Rggb;
-        if is_mosaic && self.model.output.demosaic != Demosaic::Raw {
-            exposure.with_mosaic(origin)
-        } else {
-            exposure
-        }
+        if self.has_mosaic() { exposure.with_mosaic(origin) } else { exposure }
     }
 
     /// The part of the frame that is wanted, and what of it has to be taken for that.
@@ -329,11 +360,6 @@ impl Photographer {
             light = light.iter().map(|plane| plane.crop(inner)).collect();
             saturated.crop(inner)
         };
-        let encoding = Encoding {
-            bit_depth: self.model.output.bit_depth,
-            transfer: self.model.output.curve(),
-            black_dn: self.model.output.black_dn,
-        };
         #[allow(clippy::cast_possible_truncation, reason = "no larger than the camera's")]
         let camera = Camera {
             width: wanted.width() as u32,
@@ -343,8 +369,8 @@ impl Photographer {
             distortion: self.model.optics.distortion,
             ..*camera
         };
-        let exposure =
-            Exposure::photographed(rgb, encoding, saturated, self.noise()).with_camera(camera);
+        let exposure = Exposure::photographed(rgb, self.encoding(), saturated, self.noise())
+            .with_camera(camera);
         Photograph {
             exposure: self.of_mosaic(exposure, [wanted.x0, wanted.y0]),
             camera,

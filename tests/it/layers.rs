@@ -14,7 +14,7 @@ const LAYERS: &[&[&str]] = &[
     &["scene"],
     &["sensor"],
     &["target", "detect", "refine", "grasp"],
-    &["bound", "matching", "metrics", "convention", "export"],
+    &["bound", "matching", "metrics", "convention", "export", "picture"],
     &["plan", "run", "record"],
     &["report"],
     &["cli"],

@@ -17,6 +17,7 @@ mod limits;
 mod lines;
 mod opencv;
 mod oracle;
+mod own;
 mod peaks;
 mod python;
 mod range_sensors;
