@@ -2,7 +2,8 @@
 //!
 //! The most matches within the gate first, then the least sum of squared distances. Squares, not
 //! distances, because they make the assignment the most likely one under isotropic Gaussian errors
-//! and the one that minimises the error reported beside it, a root mean square.
+//! and the one that minimises the error reported beside it, a root mean square. Or, where a match has
+//! its price, the cheapest.
 
 use pathfinding::kuhn_munkres::kuhn_munkres;
 use pathfinding::matrix::Matrix;
@@ -28,11 +29,49 @@ impl Assignment {
 /// The resolution of costs, relative to the largest within the gate; equal below it.
 const RESOLUTION: f64 = (1_i64 << 30) as f64;
 
+/// The resolution of prices: finer, as no match more has to outweigh their sum.
+const PRICE_RESOLUTION: f64 = (1_i64 << 52) as f64;
+
 /// Assigns `answers` to `truth` points one to one, never further apart than `gate_px`.
 ///
 /// Points that are not finite are never matched. Equally good assignments are decided by the order
 /// of the points, the same way every time.
 pub fn assign(truth: &[ImagePoint], answers: &[ImagePoint], gate_px: f64) -> Assignment {
+    let pairs = truth.iter().flat_map(|t| answers.iter().map(|a| t.distance_px(*a)));
+    let within = pairs.filter(|distance_px| distance_px.is_finite() && *distance_px <= gate_px);
+    let largest_px = within.fold(0.0, f64::max);
+    let largest_px2 = (largest_px * largest_px).max(f64::MIN_POSITIVE);
+    // One match more outweighs whatever all the costs can sum to.
+    #[allow(clippy::cast_possible_truncation, clippy::cast_possible_wrap, reason = "small counts")]
+    let one_match = (truth.len().min(answers.len()) as i64 + 1) * RESOLUTION as i64;
+    heaviest(truth, answers, |distance_px| {
+        #[allow(clippy::cast_possible_truncation, reason = "at most the resolution")]
+        let cost = (distance_px * distance_px / largest_px2 * RESOLUTION).round() as i64;
+        (distance_px <= gate_px).then_some(one_match - cost)
+    })
+}
+
+/// Assigns `answers` to `truth` points one to one so that the sum of the squared distances of the pairs is
+/// the least, where each pair that there is not costs `price_px` squared: none is further apart than that,
+/// but of two near pairs one may be given up where the other is closer for it.
+///
+/// The price is finite and positive. Points that are not finite are never matched.
+pub fn assign_cheapest(truth: &[ImagePoint], answers: &[ImagePoint], price_px: f64) -> Assignment {
+    heaviest(truth, answers, |distance_px| {
+        let saved = 1.0 - (distance_px / price_px).powi(2);
+        #[allow(clippy::cast_possible_truncation, reason = "at most the resolution")]
+        let weight = (saved * PRICE_RESOLUTION).round() as i64;
+        (distance_px < price_px).then_some(weight)
+    })
+}
+
+/// The one-to-one assignment whose pairs weigh most; `weight` is of their distance \[px\], not negative,
+/// `None` of those that may not be.
+fn heaviest(
+    truth: &[ImagePoint],
+    answers: &[ImagePoint],
+    weight: impl Fn(f64) -> Option<i64>,
+) -> Assignment {
     let mut assignment = Assignment {
         answer_of_truth: vec![None; truth.len()],
         truth_of_answer: vec![None; answers.len()],
@@ -44,24 +83,17 @@ pub fn assign(truth: &[ImagePoint], answers: &[ImagePoint], gate_px: f64) -> Ass
         return assignment;
     }
 
-    let cost_px2 = |row: usize, column: usize| {
-        let distance_px = rows[row].distance_px(columns[column]);
-        (distance_px.is_finite() && distance_px <= gate_px).then_some(distance_px * distance_px)
+    let weight = |row: usize, column: usize| {
+        Some(rows[row].distance_px(columns[column])).filter(|px| px.is_finite()).and_then(&weight)
     };
-    let largest_px2 = (0..rows.len())
-        .flat_map(|row| (0..columns.len()).filter_map(move |column| cost_px2(row, column)))
-        .fold(f64::MIN_POSITIVE, f64::max);
-    // One match more outweighs whatever all the costs can sum to; no match weighs nothing.
-    #[allow(clippy::cast_possible_truncation, clippy::cast_possible_wrap, reason = "small counts")]
+    // No match weighs nothing.
     let weights = Matrix::from_fn(rows.len(), columns.len(), |(row, column)| {
-        let one_match = (rows.len() as i64 + 1) * RESOLUTION as i64;
-        cost_px2(row, column)
-            .map_or(0, |cost| one_match - (cost / largest_px2 * RESOLUTION).round() as i64)
+        weight(row, column).unwrap_or(0)
     });
     let (_, column_of_row) = kuhn_munkres(&weights);
 
     for (row, column) in column_of_row.into_iter().enumerate() {
-        if cost_px2(row, column).is_some() {
+        if weight(row, column).is_some() {
             let (t, a) = if truth_in_rows { (row, column) } else { (column, row) };
             assignment.answer_of_truth[t] = Some(a);
             assignment.truth_of_answer[a] = Some(t);
@@ -171,6 +203,25 @@ mod tests {
         best
     }
 
+    /// What matches save at most, not positive, of all one-to-one assignments.
+    fn cheapest(
+        truth: &[ImagePoint],
+        answers: &[ImagePoint],
+        price_px: f64,
+        taken: &mut Vec<bool>,
+    ) -> f64 {
+        let Some((first, rest)) = truth.split_first() else { return 0.0 };
+        let mut best = cheapest(rest, answers, price_px, taken);
+        for a in 0..answers.len() {
+            if !std::mem::replace(&mut taken[a], true) {
+                let saved = first.distance_px(answers[a]).powi(2) - price_px * price_px;
+                best = best.min(saved + cheapest(rest, answers, price_px, taken));
+                taken[a] = false;
+            }
+        }
+        best
+    }
+
     #[test]
     fn nothing_is_assigned_to_nothing() {
         let one = points(&[[1.0, 2.0]]);
@@ -185,6 +236,17 @@ mod tests {
         let truth = points(&[[0.0, 0.0], [3.0, 0.0]]);
         let answers = points(&[[-2.0, 0.0], [1.0, 0.0]]);
         assert_eq!(assign(&truth, &answers, 2.5).answer_of_truth, [Some(0), Some(1)]);
+    }
+
+    #[test]
+    fn one_match_more_may_be_too_dear() {
+        // Both pairs cost 4 + 4, the nearest alone 1 and the price.
+        let truth = points(&[[0.0, 0.0], [3.0, 0.0]]);
+        let answers = points(&[[-2.0, 0.0], [1.0, 0.0]]);
+        let alone = assign_cheapest(&truth, &answers, 2.5);
+        assert_eq!(alone.answer_of_truth, [Some(1), None]);
+        let both = assign_cheapest(&truth, &answers, 2.7);
+        assert_eq!(both.answer_of_truth, [Some(0), Some(1)]);
     }
 
     #[test]
@@ -211,6 +273,12 @@ mod tests {
         assert_eq!(assignment.truth_of_answer, [None, None]);
         assert_eq!(assign(&odd, &odd, f64::NAN).matches(), 0);
         assert_eq!(first_matched(&odd, &odd, f64::INFINITY), [None, None]);
+        // Nor does it hide which of the others is nearest.
+        let truth = points(&[[0.0, 0.0], [f64::INFINITY, 0.0]]);
+        let assignment =
+            assign(&truth, &points(&[[2.0, 0.0], [1.0, 0.0], [3.0, 0.0]]), f64::INFINITY);
+        assert_eq!(assignment.answer_of_truth, [Some(1), None]);
+        assert_eq!(assign_cheapest(&odd, &odd, 3.0).matches(), 0);
     }
 
     fn some_points() -> impl Strategy<Value = Vec<ImagePoint>> {
@@ -242,6 +310,18 @@ mod tests {
                 brute_force(&truth, &answers, gate_px, &mut vec![false; answers.len()]);
             prop_assert_eq!(assignment.matches(), matches);
             prop_assert!((cost_px2(&truth, &answers, &assignment) - cost).abs() < 1e-6);
+        }
+
+        #[test]
+        fn the_cheapest_assignment_is_as_cheap_as_brute_force(
+            truth in some_points(), answers in some_points(), price_px in 0.1..5.0,
+        ) {
+            let assignment = assign_cheapest(&truth, &answers, price_px);
+            let most = truth.len().min(answers.len());
+            let price = |matches: usize, cost: f64| cost + (most - matches) as f64 * price_px * price_px;
+            let found = price(assignment.matches(), cost_px2(&truth, &answers, &assignment));
+            let best = cheapest(&truth, &answers, price_px, &mut vec![false; answers.len()]);
+            prop_assert!((found - price(0, best)).abs() < 1e-9);
         }
 
         #[test]

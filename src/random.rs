@@ -32,9 +32,22 @@ impl Stream {
         }
     }
 
-    /// The next number in \[0, 1).
+    /// The next 32 random bits.
+    pub fn word(&mut self) -> u32 {
+        self.0.next_u32()
+    }
+
+    /// The next number in \[0, 1), a multiple of 2^-32.
     pub fn uniform(&mut self) -> f64 {
-        f64::from(self.0.next_u32()) / 4_294_967_296.0
+        f64::from(self.word()) / 4_294_967_296.0
+    }
+
+    /// The next whole number below `count`, which is at most 2^32; 0 where `count` is 0. Some numbers are more
+    /// frequent than others by `count` / 2^32 of their frequency, which no statistic of thousands of draws can tell.
+    pub fn below(&mut self, count: usize) -> usize {
+        #[allow(clippy::cast_possible_truncation, reason = "less than count")]
+        let number = ((u64::from(self.word()) * count as u64) >> 32) as usize;
+        number
     }
 
     /// The next point of a disc about (0, 0) of radius 1, evenly spread.
@@ -56,6 +69,18 @@ mod tests {
         assert_eq!(all[90..], some);
         Stream::named(&["ab"]).words(90, &mut some);
         assert_ne!(all[90..], some);
+    }
+
+    #[test]
+    fn whole_numbers_are_equally_frequent() {
+        let mut stream = Stream::named(&["whole numbers"]);
+        let mut counts = [0_u32; 5];
+        for _ in 0..50_000 {
+            counts[stream.below(5)] += 1;
+        }
+        let far = |count: &u32| count.abs_diff(10_000) > 400; // 4.5 standard deviations
+        assert!(!counts.iter().any(far), "{counts:?}");
+        assert_eq!(stream.below(0), 0);
     }
 
     #[test]

@@ -1,6 +1,18 @@
 //! Robust statistics of plain numbers; knows nothing of corners.
 
+mod bootstrap;
+#[cfg(test)]
+mod coverage;
+mod permutation;
+mod proportion;
+mod ranking;
+
 use serde::Serialize;
+
+pub use bootstrap::{Bootstrap, Interval, NoInterval};
+pub use permutation::{SignFlips, holm, sign_flips};
+pub use proportion::{Proportion, wilson};
+pub use ranking::{Friedman, critical_difference, friedman, groups, ranks, studentised_range};
 
 /// The mean; `None` of nothing.
 #[allow(clippy::cast_precision_loss, reason = "counts far below 2^52")]
@@ -26,16 +38,21 @@ pub fn standard_error(values: &[f64]) -> Option<f64> {
 
 /// The quantile at `probability` in \[0, 1\], interpolated linearly between order statistics
 /// (Hyndman & Fan 1996, definition 7, as in NumPy); `None` of nothing.
+pub fn quantile(values: &[f64], probability: f64) -> Option<f64> {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    quantile_of_sorted(&sorted, probability)
+}
+
+/// The quantile of values in ascending order.
 #[allow(
     clippy::cast_precision_loss,
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,
     reason = "an index inside the slice"
 )]
-pub fn quantile(values: &[f64], probability: f64) -> Option<f64> {
-    let last = values.len().checked_sub(1)?;
-    let mut sorted = values.to_vec();
-    sorted.sort_by(f64::total_cmp);
+fn quantile_of_sorted(sorted: &[f64], probability: f64) -> Option<f64> {
+    let last = sorted.len().checked_sub(1)?;
     let place = probability.clamp(0.0, 1.0) * last as f64;
     let below = place.floor() as usize;
     let above = (below + 1).min(last);
@@ -45,6 +62,12 @@ pub fn quantile(values: &[f64], probability: f64) -> Option<f64> {
 /// The median; `None` of nothing.
 pub fn median(values: &[f64]) -> Option<f64> {
     quantile(values, 0.5)
+}
+
+/// The probability of lying beyond one end of an interval of `level`: at least 1e-6, and that where the
+/// level is NaN, for what inverts distributions answers no less.
+fn tail(level: f64) -> f64 {
+    if level.is_nan() { 1e-6 } else { (0.5 - 0.5 * level).clamp(1e-6, 0.5) }
 }
 
 /// What a threshold on a score lets through.

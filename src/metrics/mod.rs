@@ -1,10 +1,12 @@
 //! From answers and truth to numbers, each with its unit.
 
 mod corners;
+mod gospa;
 mod grasp;
 
 pub use corners::{
     CornerRule, CornerScore, CornerScores, Fate, OtherScore, Place, Seen, score_corners,
     score_seeded,
 };
+pub use gospa::{CUTOFF_PX, Gospa, gospa};
 pub use grasp::{GraspError, covered_face, grasp_error};
