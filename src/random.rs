@@ -50,6 +50,12 @@ impl Stream {
         number
     }
 
+    /// The next normal deviate of mean 0 and variance 1 (Box & Muller 1958).
+    pub fn normal(&mut self) -> f64 {
+        let far = (-2.0 * (1.0 - self.uniform()).ln()).sqrt();
+        far * (std::f64::consts::TAU * self.uniform()).cos()
+    }
+
     /// The next point of a disc about (0, 0) of radius 1, evenly spread.
     pub fn in_disc(&mut self) -> [f64; 2] {
         let (far, turn) = (self.uniform().sqrt(), std::f64::consts::TAU * self.uniform());

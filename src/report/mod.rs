@@ -1,5 +1,6 @@
 //! Records -> terminal, page and pictures. Reads a run's folder; runs no algorithm.
 
+pub mod contest;
 mod curves;
 pub mod detection;
 mod figures;
@@ -106,6 +107,7 @@ pub fn write(folder: &Path) -> Result<(Summary, PathBuf)> {
         "summary": summary,
         "comparison": words::comparison(&summary),
         "refinement": refinement,
+        "contests": words::contests(&summary),
         "worst": worst,
         "strata": words::strata(&summary),
         "causes": words::causes(&summary),

@@ -1,14 +1,16 @@
-//! Records -> what a refiner made of the corners that were found.
+//! Records -> what a refiner made of the corners that it was given, each number with its interval.
+//!
+//! What is drawn anew for an interval is a scene, with all its corners and photographs: those of one scene are off
+//! together.
 
 use std::collections::BTreeMap;
 
 use serde::Serialize;
 
 use crate::record::{Record, kind, status};
-use crate::report::summary::Errors;
-use crate::stats;
+use crate::stats::{self, Bootstrap, Interval};
 
-/// What a refiner made of the corners that were found.
+/// What a refiner made of the corners that it was given.
 #[derive(Clone, Debug, Serialize)]
 pub struct RefinementSummary {
     /// All of them.
@@ -17,72 +19,233 @@ pub struct RefinementSummary {
     pub clear: Refined,
     /// How many had each status.
     pub statuses: BTreeMap<String, usize>,
-    /// The squared error over the refiner's own covariance, median of those that have one: 1.39 where that is
-    /// right and the errors are normal.
-    pub median_normed_square: Option<f64>,
 }
 
-/// Corners that a refiner was asked for.
-#[derive(Clone, Debug, Serialize)]
+/// Corners that a refiner was given. Errors are of its answers; how many these are stands beside how many were asked
+/// for.
+#[derive(Clone, Debug, Default, Serialize)]
 pub struct Refined {
     /// How many.
     pub asked: usize,
     /// How many it answered, and did not decline.
     pub answered: usize,
-    /// Of the answers.
-    pub errors: Option<Errors>,
-    /// Their root mean square error over that of the bounds from the pixels within 10 px.
-    pub rmse_over_bound: Option<f64>,
+    /// Scenes with answers.
+    pub scenes: usize,
+    /// Share of all that were declined, or are off by more than [`FAILED_PX`].
+    pub failed: Option<Estimate>,
+    /// Root mean square \[px\].
+    pub rmse_px: Option<Estimate>,
+    /// Median \[px\].
+    pub median_px: Option<Estimate>,
+    /// 19 of 20 errors are at most so large \[px\].
+    pub p95_px: Option<Estimate>,
+    /// 99 of 100 errors are at most so large \[px\].
+    pub p99_px: Option<Estimate>,
+    /// Largest \[px\].
+    pub max_px: Option<f64>,
+    /// Mean error along the bisector of the corner's smallest angle, positive into the angle \[px\].
+    pub bias_along_px: Option<Estimate>,
+    /// Mean error across that \[px\].
+    pub bias_across_px: Option<Estimate>,
+    /// Root mean square error about these means, of both coordinates \[px\].
+    pub spread_px: Option<Estimate>,
+    /// Root mean square error over that of the bounds from the pixels within 10 px.
+    pub rmse_over_bound: Option<Estimate>,
+    /// Mean square of these bounds over that of the errors: 1 at the limit.
+    pub efficiency: Option<Estimate>,
+    /// Mean squared error over the refiner's own covariance: 2 where that is right.
+    pub nees: Option<Estimate>,
+    /// The median of the same: 1.39 where that is right and errors are normal.
+    pub median_normed_square: Option<f64>,
+}
+
+/// A number, and the interval that holds the true one in 95 of 100 cases.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Estimate {
+    /// The number itself.
+    pub value: f64,
+    /// The interval's ends; none where there is a single scene.
+    pub low: Option<f64>,
+    /// The interval's ends; none where there is a single scene.
+    pub high: Option<f64>,
+}
+
+impl Estimate {
+    /// With its interval, if there is one.
+    pub fn of(value: f64, interval: Option<Interval>) -> Self {
+        Self { value, low: interval.map(|i| i.low), high: interval.map(|i| i.high) }
+    }
+
+    /// The same in another unit; `map` increases.
+    pub fn map(self, map: impl Fn(f64) -> f64) -> Self {
+        Self { value: map(self.value), low: self.low.map(&map), high: self.high.map(&map) }
+    }
 }
 
 /// A corner is clear of what is nearer to the camera by so much \[px\].
 pub const CLEAR_PX: f64 = 20.0;
 
+/// An answer is a failure that is off by more \[px\].
+pub const FAILED_PX: f64 = 1.0;
+
 /// Summarises the records of one method.
 pub fn summarise(records: &[&Record]) -> RefinementSummary {
-    let found: Vec<&Record> = records
-        .iter()
-        .copied()
-        .filter(|record| record.kind == kind::CORNER && record.status == status::OK)
-        .collect();
+    let found: Vec<&Record> = records.iter().copied().filter(|record| is_given(record)).collect();
     let is_clear = |record: &Record| record.nearest_occluder_px.is_none_or(|px| px > CLEAR_PX);
     let clear: Vec<&Record> = found.iter().copied().filter(|record| is_clear(record)).collect();
     let mut statuses = BTreeMap::new();
     for record in &found {
         *statuses.entry(record.refine_status.clone().unwrap_or_default()).or_insert(0) += 1;
     }
-    let normed: Vec<f64> =
-        found.iter().filter(|r| is_answered(r)).filter_map(|r| normed_square(r)).collect();
-    RefinementSummary {
-        all: refined(&found),
-        clear: refined(&clear),
-        statuses,
-        median_normed_square: stats::median(&normed),
-    }
+    RefinementSummary { all: Refined::of(&found), clear: Refined::of(&clear), statuses }
 }
 
-fn is_answered(record: &Record) -> bool {
+/// Whether a refiner was given this corner.
+pub(super) fn is_given(record: &Record) -> bool {
+    record.kind == kind::CORNER && record.status == status::OK
+}
+
+/// Whether a refiner answered, and did not decline.
+pub(super) fn is_answered(record: &Record) -> bool {
     matches!(record.refine_status.as_deref(), Some("ok" | "max_iterations"))
 }
 
-fn refined(records: &[&Record]) -> Refined {
-    let answered: Vec<&&Record> = records.iter().filter(|record| is_answered(record)).collect();
-    let errors: Vec<f64> = answered.iter().filter_map(|record| record.refined_error_px).collect();
-    let of_bounded: Vec<(f64, f64)> = answered
-        .iter()
-        .filter_map(|record| Some((record.refined_error_px?, record.bound_r10_px?)))
-        .collect();
-    let rms = |of: &dyn Fn(&(f64, f64)) -> f64| {
-        stats::root_mean_square(&of_bounded.iter().map(of).collect::<Vec<_>>())
-    };
-    Refined {
-        asked: records.len(),
-        answered: answered.len(),
-        errors: Errors::of(&errors),
-        rmse_over_bound: rms(&|pair| pair.0)
-            .zip(rms(&|pair| pair.1))
-            .map(|(error_px, bound_px)| error_px / bound_px),
+/// What one answer adds to a scene's sums, or a corner that has none.
+#[derive(Clone, Copy)]
+enum Sum {
+    Asked,
+    Failed,
+    Answered,
+    Square,
+    Framed,
+    FramedSquare,
+    Along,
+    Across,
+    Bounded,
+    SquareOfBounded,
+    BoundSquare,
+    Normed,
+    NormedSquare,
+}
+
+const SUMS: usize = Sum::NormedSquare as usize + 1;
+
+/// A scene's sums.
+type Sums = [f64; SUMS];
+
+fn of(sums: &Sums, sum: Sum) -> f64 {
+    sums[sum as usize]
+}
+
+/// The ratio of two sums; nothing of nothing.
+fn ratio(sums: &Sums, part: Sum, whole: Sum) -> Option<f64> {
+    let whole = of(sums, whole);
+    (whole > 0.0).then(|| of(sums, part) / whole)
+}
+
+fn sums_of(record: &Record) -> Sums {
+    let mut sums = [0.0; SUMS];
+    let mut add = |sum: Sum, value: f64| sums[sum as usize] += value;
+    add(Sum::Asked, 1.0);
+    let error_px = record.refined_error_px.filter(|_| is_answered(record));
+    if error_px.is_none_or(|error_px| error_px > FAILED_PX) {
+        add(Sum::Failed, 1.0);
     }
+    let Some(error_px) = error_px else { return sums };
+    add(Sum::Answered, 1.0);
+    add(Sum::Square, error_px * error_px);
+    if let (Some(along_px), Some(across_px)) = (record.refined_along_px, record.refined_across_px) {
+        add(Sum::Framed, 1.0);
+        add(Sum::FramedSquare, error_px * error_px);
+        add(Sum::Along, along_px);
+        add(Sum::Across, across_px);
+    }
+    if let Some(bound_px) = record.bound_r10_px {
+        add(Sum::Bounded, 1.0);
+        add(Sum::SquareOfBounded, error_px * error_px);
+        add(Sum::BoundSquare, bound_px * bound_px);
+    }
+    if let Some(normed) = normed_square(record) {
+        add(Sum::Normed, 1.0);
+        add(Sum::NormedSquare, normed);
+    }
+    sums
+}
+
+impl Refined {
+    /// What records of corners that a refiner was given say.
+    pub(super) fn of(records: &[&Record]) -> Self {
+        let mut scenes: BTreeMap<&str, (Sums, Vec<f64>)> = BTreeMap::new();
+        for record in records {
+            let (sums, errors) = scenes.entry(&record.scene).or_insert(([0.0; SUMS], Vec::new()));
+            sums.iter_mut().zip(sums_of(record)).for_each(|(sum, more)| *sum += more);
+            errors.extend(record.refined_error_px.filter(|_| is_answered(record)));
+        }
+        let with_answers = scenes.values().filter(|(sums, _)| of(sums, Sum::Answered) > 0.0);
+        let (sums, errors): (Vec<Sums>, Vec<Vec<f64>>) = scenes.values().cloned().unzip();
+        let of_sums = |statistic: &dyn Fn(&Sums) -> Option<f64>| estimate(&sums, statistic);
+        let quantile = |share: f64| {
+            let all: Vec<f64> = errors.iter().flatten().copied().collect();
+            let interval = Bootstrap::named(&["quantile"]).of_quantile(&errors, share).ok();
+            Some(Estimate::of(stats::quantile(&all, share)?, interval))
+        };
+        let normed: Vec<f64> = records
+            .iter()
+            .filter(|record| is_answered(record))
+            .filter_map(|record| normed_square(record))
+            .collect();
+        let answers = errors.iter().flatten().copied();
+        Self {
+            asked: records.len(),
+            answered: answers.clone().count(),
+            scenes: with_answers.count(),
+            failed: of_sums(&|sums| ratio(sums, Sum::Failed, Sum::Asked)),
+            rmse_px: root(of_sums(&|sums| log(ratio(sums, Sum::Square, Sum::Answered)))),
+            median_px: quantile(0.5),
+            p95_px: quantile(0.95),
+            p99_px: quantile(0.99),
+            max_px: answers.max_by(f64::total_cmp),
+            bias_along_px: of_sums(&|sums| ratio(sums, Sum::Along, Sum::Framed)),
+            bias_across_px: of_sums(&|sums| ratio(sums, Sum::Across, Sum::Framed)),
+            spread_px: of_sums(&|sums| {
+                let along = ratio(sums, Sum::Along, Sum::Framed)?;
+                let across = ratio(sums, Sum::Across, Sum::Framed)?;
+                let square = ratio(sums, Sum::FramedSquare, Sum::Framed)?;
+                Some((square - along * along - across * across).max(0.0).sqrt())
+            }),
+            rmse_over_bound: root(of_sums(&|sums| {
+                log(ratio(sums, Sum::SquareOfBounded, Sum::BoundSquare))
+            })),
+            efficiency: of_sums(&|sums| log(ratio(sums, Sum::BoundSquare, Sum::SquareOfBounded)))
+                .map(|estimate| estimate.map(f64::exp)),
+            nees: of_sums(&|sums| ratio(sums, Sum::NormedSquare, Sum::Normed)),
+            median_normed_square: stats::median(&normed),
+        }
+    }
+}
+
+/// The logarithm: on its scale squares are spread more evenly.
+fn log(value: Option<f64>) -> Option<f64> {
+    value.filter(|value| *value > 0.0).map(f64::ln)
+}
+
+/// The root of what a logarithm is of.
+fn root(estimate: Option<Estimate>) -> Option<Estimate> {
+    estimate.map(|estimate| estimate.map(|log| (0.5 * log).exp()))
+}
+
+/// A statistic of the sums over scenes, with its interval.
+fn estimate<const K: usize>(
+    scenes: &[[f64; K]],
+    statistic: &dyn Fn(&[f64; K]) -> Option<f64>,
+) -> Option<Estimate> {
+    let mut all = [0.0; K];
+    for scene in scenes {
+        all.iter_mut().zip(scene).for_each(|(sum, value)| *sum += value);
+    }
+    let value = statistic(&all)?;
+    let interval = Bootstrap::named(&["sums"]).of_sums(scenes, statistic).ok();
+    Some(Estimate::of(value, interval))
 }
 
 /// e^T C^-1 e.
@@ -99,13 +262,16 @@ fn normed_square(record: &Record) -> Option<f64> {
 mod tests {
     use super::*;
 
-    fn corner(error_px: f64, occluder_px: Option<f64>, refine_status: &str) -> Record {
+    fn corner(scene: &str, error_px: f64, occluder_px: Option<f64>, refine_status: &str) -> Record {
         Record {
+            scene: scene.into(),
             kind: kind::CORNER.into(),
             status: status::OK.into(),
             nearest_occluder_px: occluder_px,
             refine_status: Some(refine_status.into()),
             refined_error_px: Some(error_px),
+            refined_along_px: Some(error_px),
+            refined_across_px: Some(0.0),
             bound_r10_px: Some(0.1),
             true_x_px: Some(5.0),
             true_y_px: Some(5.0),
@@ -118,22 +284,59 @@ mod tests {
         }
     }
 
+    fn value(estimate: Option<Estimate>) -> f64 {
+        estimate.expect("a number").value
+    }
+
     #[test]
     fn errors_are_those_of_answers_and_clear_corners_are_told_apart() {
         let records = [
-            corner(0.3, None, "ok"),
-            corner(0.4, Some(3.0), "max_iterations"),
-            corner(9.0, Some(30.0), "diverged"),
+            corner("a", 0.3, None, "ok"),
+            corner("a", 0.4, Some(3.0), "max_iterations"),
+            corner("b", 9.0, Some(30.0), "diverged"),
         ];
         let records: Vec<&Record> = records.iter().collect();
-        let summary = summarise(&records);
-        assert_eq!((summary.all.asked, summary.all.answered), (3, 2));
-        assert_eq!((summary.clear.asked, summary.clear.answered), (2, 1));
-        let rmse_px = summary.all.errors.expect("two").rmse_px;
-        assert!((rmse_px - 0.125_f64.sqrt()).abs() < 1e-12);
-        assert!((summary.all.rmse_over_bound.expect("two") - 10.0 * rmse_px).abs() < 1e-9);
-        assert_eq!(summary.statuses["diverged"], 1);
-        // (0.09 + 0.16) / 0.04 / 2 as the median of two.
-        assert!((summary.median_normed_square.expect("two") - 3.125).abs() < 1e-9);
+        let RefinementSummary { all, clear, statuses } = summarise(&records);
+        assert_eq!((all.asked, all.answered, all.scenes), (3, 2, 1));
+        assert_eq!((clear.asked, clear.answered), (2, 1));
+        let near = |found: Option<Estimate>, wanted: f64| {
+            assert!((value(found) - wanted).abs() < 1e-12, "{found:?}, not {wanted}");
+        };
+        near(all.rmse_px, 0.125_f64.sqrt());
+        near(all.rmse_over_bound, 10.0 * 0.125_f64.sqrt());
+        near(all.efficiency, 0.01 / 0.125);
+        near(all.failed, 1.0 / 3.0);
+        near(all.bias_along_px, 0.35);
+        near(all.spread_px, 0.05);
+        near(all.median_px, 0.35);
+        // (0.09 + 0.16) / 0.04 / 2, as mean and as median of two.
+        near(all.nees, 3.125);
+        assert!((all.median_normed_square.expect("two") - 3.125).abs() < 1e-9);
+        assert_eq!(statuses["diverged"], 1);
+    }
+
+    #[test]
+    fn intervals_are_of_scenes_not_of_corners() {
+        // Twenty scenes, each with fifty corners that are off alike.
+        let rows: Vec<Record> = (0..20)
+            .flat_map(|scene| {
+                let error_px = 0.1 + 0.01 * f64::from(scene);
+                (0..50).map(move |_| corner(&scene.to_string(), error_px, None, "ok"))
+            })
+            .collect();
+        let all = summarise(&rows.iter().collect::<Vec<_>>()).all;
+        let Estimate { value, low, high } = all.bias_along_px.expect("a mean");
+        let (low, high) = (low.expect("an end"), high.expect("an end"));
+        // The standard error of twenty evenly spread numbers, 0.0132, times Student's 2.09.
+        assert!((value - 0.195).abs() < 1e-9);
+        assert!((high - low - 2.0 * 2.09 * 0.0132).abs() < 0.006, "{low} {high}");
+    }
+
+    #[test]
+    fn a_single_scene_has_no_interval() {
+        let record = corner("a", 0.3, None, "ok");
+        let all = summarise(&[&record, &record]).all;
+        assert_eq!(all.rmse_px.map(|estimate| estimate.low), Some(None));
+        assert_eq!(summarise(&[]).all.rmse_px, None);
     }
 }

@@ -6,6 +6,7 @@ use std::hash::Hash;
 use serde::Serialize;
 
 use crate::record::{Record, kind, status};
+use crate::report::contest::{Contest, contests};
 use crate::report::detection::{self, DetectionSummary};
 use crate::report::refinement::{self, RefinementSummary};
 use crate::stats;
@@ -17,6 +18,8 @@ pub struct Summary {
     pub unreadable: Vec<Unreadable>,
     /// One per camera and pipeline, in the order of the records.
     pub methods: Vec<MethodSummary>,
+    /// Those of them that were given the same, beside each other.
+    pub contests: Vec<Contest>,
 }
 
 /// A scene that could not be read.
@@ -150,7 +153,9 @@ pub fn summarise(records: &[Record]) -> Summary {
         let label = if cameras.len() == 1 { method.into() } else { format!("{method}, {camera}") };
         summarise_method(&rows, label)
     };
-    Summary { unreadable, methods: methods.iter().map(of_method).collect() }
+    let methods: Vec<MethodSummary> = methods.iter().map(of_method).collect();
+    let contests = contests(&methods, records);
+    Summary { unreadable, methods, contests }
 }
 
 fn summarise_method(records: &[&Record], label: String) -> MethodSummary {

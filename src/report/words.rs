@@ -2,8 +2,9 @@
 
 use serde::Serialize;
 
+use crate::report::contest::Contest;
 use crate::report::detection::{Cause, Stratum};
-use crate::report::refinement::RefinementSummary;
+use crate::report::refinement::{Estimate, RefinementSummary};
 use crate::report::summary::{GraspSummary, MethodSummary, SceneSummary, Summary};
 
 /// A length in pixels; "-" of nothing.
@@ -155,21 +156,19 @@ pub fn refinement(summary: &Summary) -> Option<Words> {
     let header = [
         "method",
         "answered",
-        "rms error px",
-        "median px",
-        "largest px",
+        "rms error px (95 %)",
+        "median",
+        "19 of 20 within",
+        "over bound (95 %)",
+        "bias along, across px",
+        "failed",
+        "NEES",
+        "clear: rms error px (95 %)",
         "over bound",
-        "clear: answered",
-        "rms error px",
-        "largest px",
-        "over bound",
-        "normed (1.39)",
         "declined",
     ];
-    let px3 = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |v| format!("{v:.3}"));
-    let times = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |v| format!("{v:.1}"));
     let rows = by_refined_error(summary).into_iter().map(|method| {
-        let RefinementSummary { all, clear, statuses, median_normed_square } = &method.refinement;
+        let RefinementSummary { all, clear, statuses } = &method.refinement;
         let declined: Vec<String> = statuses
             .iter()
             .filter(|(status, _)| !matches!(status.as_str(), "ok" | "max_iterations"))
@@ -178,26 +177,115 @@ pub fn refinement(summary: &Summary) -> Option<Words> {
         vec![
             method.label.clone(),
             format!("{} of {}", all.answered, all.asked),
-            px3(all.errors.map(|errors| errors.rmse_px)),
-            px3(all.errors.map(|errors| errors.median_px)),
-            px3(all.errors.map(|errors| errors.max_px)),
-            times(all.rmse_over_bound),
-            format!("{} of {}", clear.answered, clear.asked),
-            px3(clear.errors.map(|errors| errors.rmse_px)),
-            px3(clear.errors.map(|errors| errors.max_px)),
-            times(clear.rmse_over_bound),
-            times(*median_normed_square),
+            between(all.rmse_px, 3),
+            of_estimate(all.median_px, 3),
+            of_estimate(all.p95_px, 3),
+            between(all.rmse_over_bound, 1),
+            format!(
+                "{}, {}",
+                of_estimate(all.bias_along_px, 3),
+                of_estimate(all.bias_across_px, 3)
+            ),
+            percent(all.failed.map(|failed| failed.value)),
+            of_estimate(all.nees, 1),
+            between(clear.rmse_px, 3),
+            of_estimate(clear.rmse_over_bound, 1),
             if declined.is_empty() { "-".to_owned() } else { declined.join(", ") },
         ]
     });
     Some(Words { header: header.map(str::to_owned).to_vec(), rows: rows.collect() })
 }
 
+/// A number without its interval; "-" of nothing.
+fn of_estimate(estimate: Option<Estimate>, digits: usize) -> String {
+    estimate.map_or_else(|| "-".to_owned(), |estimate| format!("{:.digits$}", estimate.value))
+}
+
+/// A number with its interval: "0.312 (0.280 to 0.344)"; "-" of nothing.
+fn between(estimate: Option<Estimate>, digits: usize) -> String {
+    let Some(Estimate { value, low, high }) = estimate else { return "-".to_owned() };
+    match low.zip(high) {
+        Some((low, high)) => format!("{value:.digits$} ({low:.digits$} to {high:.digits$})"),
+        None => format!("{value:.digits$}"),
+    }
+}
+
+/// A comparison of methods that were given the same, in words.
+#[derive(Clone, Debug, Serialize)]
+pub struct ContestWords {
+    /// What they were given.
+    pub given: String,
+    /// The methods, the best first.
+    pub table: Words,
+    /// What can be said of them.
+    pub sentences: Vec<String>,
+}
+
+/// Methods that were given the same, beside the best of them; nothing where all have one refiner.
+pub fn contests(summary: &Summary) -> Vec<ContestWords> {
+    if refinement(summary).is_none() {
+        return Vec::new();
+    }
+    summary.contests.iter().map(of_contest).collect()
+}
+
+fn of_contest(contest: &Contest) -> ContestWords {
+    let header = [
+        "method",
+        "rms error px (95 %)",
+        "over bound (95 %)",
+        "times the best's (95 %)",
+        "p",
+        "rank",
+    ];
+    let rows = contest.methods.iter().map(|method| {
+        vec![
+            method.method.clone(),
+            between(method.common.rmse_px, 3),
+            between(method.common.rmse_over_bound, 2),
+            between(method.over_best, 2),
+            method.p.map_or_else(|| "-".to_owned(), probability),
+            method.mean_rank.map_or_else(|| "-".to_owned(), |rank| format!("{rank:.1}")),
+        ]
+    });
+    let mut sentences = Vec::new();
+    if let Some((p, difference)) = contest.p_of_ranks.zip(contest.critical_difference) {
+        sentences.push(format!(
+            "ranks differ with p = {}; mean ranks {difference:.1} apart tell two methods apart",
+            probability(p)
+        ));
+    }
+    let alike = contest.alike.iter().map(|group| group.join(", "));
+    sentences.extend(alike.map(|group| format!("cannot be told apart by rank: {group}")));
+    if !contest.left_out.is_empty() {
+        let others = contest.left_out.join(", ");
+        sentences.push(format!("left out, for they answered less than half: {others}"));
+    }
+    sentences.extend(contest.warning.clone());
+    let seeds = match contest.seed_disc_px {
+        Some(disc_px) => format!("seeds up to {disc_px} px off"),
+        None => "corners that were detected".to_owned(),
+    };
+    ContestWords {
+        given: format!(
+            "{}, {seeds}: {} corners in {} scenes that all answered",
+            contest.camera, contest.corners, contest.scenes
+        ),
+        table: Words { header: header.map(str::to_owned).to_vec(), rows: rows.collect() },
+        sentences,
+    }
+}
+
+/// A probability, no smaller than what it is known to.
+fn probability(p: f64) -> String {
+    if p < 0.001 { "< 0.001".to_owned() } else { format!("{p:.3}") }
+}
+
 /// The methods, the least error of refined corners that are clear of occluders first.
 pub(super) fn by_refined_error(summary: &Summary) -> Vec<&MethodSummary> {
     let mut methods: Vec<&MethodSummary> = summary.methods.iter().collect();
     let rmse_px = |method: &MethodSummary| {
-        method.refinement.clear.errors.map_or(f64::INFINITY, |errors| errors.rmse_px)
+        method.refinement.clear.rmse_px.map_or(f64::INFINITY, |estimate| estimate.value)
     };
     methods.sort_by(|a, b| rmse_px(a).total_cmp(&rmse_px(b)));
     methods

@@ -117,6 +117,45 @@ impl<'a> Bootstrap<'a> {
         })
     }
 
+    /// The interval of a quantile of the values of all clusters, as [`super::quantile`] has it. All are sorted once:
+    /// clusters that are drawn several times count so often.
+    ///
+    /// # Errors
+    /// Says why there is no interval.
+    pub fn of_quantile(
+        &self,
+        clusters: &[Vec<f64>],
+        probability: f64,
+    ) -> Result<Interval, NoInterval> {
+        let values = clusters.iter().enumerate();
+        let mut sorted: Vec<(f64, usize)> = values
+            .flat_map(|(index, values)| values.iter().map(move |value| (*value, index)))
+            .collect();
+        sorted.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let mut times = vec![0_usize; clusters.len()];
+        self.of_indices(clusters.len(), |drawn| {
+            times.fill(0);
+            let mut count = 0;
+            for &cluster in drawn {
+                times[cluster] += 1;
+                count += clusters[cluster].len();
+            }
+            let place = probability.clamp(0.0, 1.0) * count.checked_sub(1)? as f64;
+            let (mut passed, mut low) = (0, None);
+            for (value, cluster) in &sorted {
+                passed += times[*cluster];
+                // The values at both sides of the place, which may be the same one.
+                if low.is_none() && passed as f64 > place.floor() {
+                    low = Some(*value);
+                }
+                if passed as f64 > place.ceil() {
+                    return low.map(|low| low + place.fract() * (value - low));
+                }
+            }
+            low
+        })
+    }
+
     /// The interval of a statistic of some clusters, which are named by their indices and may be there
     /// several times.
     ///
@@ -242,6 +281,7 @@ fn degrees_of_freedom(clusters: f64, kurtosis: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::stats::quantile;
 
     /// Efron & Tibshirani 1993, table 14.1, test A.
     const SPATIAL: [f64; 26] = [
@@ -281,6 +321,19 @@ mod tests {
         near(at(-1.645).expect("some"), 115.8, 6.0);
         near(at(1.645).expect("some"), 259.6, 8.0);
         assert!(interval.low < 115.8 && interval.high > 259.6, "wider than without Student");
+    }
+
+    #[test]
+    fn quantiles_by_counting_are_those_by_sorting() {
+        let mut random = Stream::named(&["quantiles"]);
+        let clusters: Vec<Vec<f64>> = (0..15)
+            .map(|_| (0..random.below(6)).map(|_| random.below(20) as f64).collect())
+            .collect();
+        for probability in [0.0, 0.3, 0.5, 0.95, 1.0] {
+            let bootstrap = Bootstrap::named(&["both"]);
+            let sorted = bootstrap.of_pooled(&clusters, |values| quantile(values, probability));
+            assert_eq!(bootstrap.of_quantile(&clusters, probability), sorted, "{probability}");
+        }
     }
 
     #[test]
