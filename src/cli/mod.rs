@@ -1,5 +1,6 @@
 //! The command line: one file per subcommand.
 
+mod compare;
 pub mod environment;
 mod estimate;
 mod export;
@@ -77,6 +78,8 @@ enum Command {
     Measure(measure::Options),
     /// Make the shards of a run one: the same records as an unsharded run has, byte for byte.
     Merge(merge::Options),
+    /// Compare two runs of the same scenes: exit code 1 where a method became worse, and not by chance.
+    Compare(compare::Options),
     /// Write the report of a run again, from its records.
     Report(report::Options),
     /// Check a dataset's integrity, and that renderer, reader and projection agree to 0.01 px.
@@ -133,6 +136,7 @@ fn run(arguments: &Arguments) -> Result<Ended> {
         Command::Render(options) => render::run(global, options),
         Command::Measure(options) => measure::run(global, options),
         Command::Merge(options) => merge::run(global, options),
+        Command::Compare(options) => compare::run(global, options),
         Command::Report(options) => report::run(global, options),
         Command::Verify(options) => verify::run(global, options),
         Command::Expose(options) => expose::run(global, options),

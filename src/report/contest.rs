@@ -57,8 +57,11 @@ pub struct Contestant {
 /// With fewer scenes intervals cover less than they say.
 const ENOUGH_SCENES: usize = 20;
 
+/// A method and the corners that it was given.
+type Given<'a> = (&'a MethodSummary, &'a [&'a Record]);
+
 /// A corner of a photograph: scene, exposure, corner.
-type Key<'a> = (&'a str, Option<i32>, Option<i32>);
+pub(super) type Key<'a> = (&'a str, Option<i32>, Option<i32>);
 
 /// Compares methods that were given the same; nothing where there are not two of them.
 pub fn contests(methods: &[MethodSummary], records: &[Record]) -> Vec<Contest> {
@@ -66,7 +69,7 @@ pub fn contests(methods: &[MethodSummary], records: &[Record]) -> Vec<Contest> {
     for record in records.iter().filter(|record| is_given(record)) {
         rows.entry((&record.camera, &record.method)).or_default().push(record);
     }
-    let mut found: Vec<(String, Vec<(&MethodSummary, &[&Record])>)> = Vec::new();
+    let mut found: Vec<(String, Vec<Given>)> = Vec::new();
     for method in methods {
         let Some(rows) = rows.get(&(method.camera.as_str(), method.method.as_str())) else {
             continue;
@@ -81,8 +84,8 @@ pub fn contests(methods: &[MethodSummary], records: &[Record]) -> Vec<Contest> {
     found.iter().filter_map(|(name, methods)| contest(name, methods)).collect()
 }
 
-fn contest(name: &str, all: &[(&MethodSummary, &[&Record])]) -> Option<Contest> {
-    let takes_part = |(method, _): &&(&MethodSummary, &[&Record])| {
+fn contest(name: &str, all: &[Given]) -> Option<Contest> {
+    let takes_part = |(method, _): &&Given| {
         let all = &method.refinement.all;
         2 * all.answered >= all.asked
     };
@@ -167,7 +170,7 @@ fn contest(name: &str, all: &[(&MethodSummary, &[&Record])]) -> Option<Contest> 
 }
 
 /// What few scenes cannot say.
-fn warning(scenes: usize) -> Option<String> {
+pub(super) fn warning(scenes: usize) -> Option<String> {
     (scenes < ENOUGH_SCENES).then(|| {
         format!(
             "{scenes} scenes: too few for intervals that hold 95 % and for small p; {ENOUGH_SCENES} or \
@@ -176,7 +179,7 @@ fn warning(scenes: usize) -> Option<String> {
     })
 }
 
-fn key(record: &Record) -> Key<'_> {
+pub(super) fn key(record: &Record) -> Key<'_> {
     (&record.scene, record.exposure, record.corner_index)
 }
 
@@ -219,7 +222,7 @@ mod tests {
     use crate::record::{kind, status, track};
     use crate::report::summary::summarise;
 
-    fn row(method: &str, scene: usize, corner: i32, error_px: f64) -> Record {
+    fn row(method: &str, scene: u8, corner: u8, error_px: f64) -> Record {
         Record {
             scene: format!("{scene:02}"),
             camera: "ideal".into(),
@@ -229,7 +232,7 @@ mod tests {
             seed_disc_px: Some(1.0),
             kind: kind::CORNER.into(),
             status: status::OK.into(),
-            corner_index: Some(corner),
+            corner_index: Some(corner.into()),
             refine_status: Some(if error_px < 5.0 { "ok" } else { "diverged" }.into()),
             refined_error_px: Some(error_px),
             ..Record::default()
@@ -242,8 +245,8 @@ mod tests {
         for (name, factor) in [("b", 2.0), ("a", 1.0), ("c", 1.0)] {
             for scene in 0..30 {
                 for corner in 0..4 {
-                    let hard = 0.05 * (1.0 + (scene % 7) as f64);
-                    let chance = 1.0 + 0.1 * f64::from((scene as i32 * 7 + corner * 3) % 5 - 2);
+                    let hard = 0.05 * (1.0 + f64::from(scene % 7));
+                    let chance = 1.0 + 0.1 * (f64::from((scene * 7 + corner * 3) % 5) - 2.0);
                     let chance = if name == "c" { 2.0 - chance } else { chance };
                     rows.push(row(name, scene, corner, hard * factor * chance));
                 }

@@ -1,5 +1,6 @@
 //! Records -> terminal, page and pictures. Reads a run's folder; runs no algorithm.
 
+pub mod compare;
 pub mod contest;
 mod curves;
 pub mod detection;

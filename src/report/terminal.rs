@@ -1,6 +1,6 @@
 //! Summary -> a table for a terminal.
 
-use comfy_table::{Cell, CellAlignment, ContentArrangement, Table, presets};
+use comfy_table::{Cell, CellAlignment, ContentArrangement, LineStyle, Table, TableStyle, presets};
 
 use crate::report::summary::{GraspSummary, MethodSummary, Summary};
 use crate::report::words::{self, Words};
@@ -50,12 +50,13 @@ pub fn tables(summary: &Summary) -> String {
     text
 }
 
+/// Lines above and below, and below the header.
+const RULES: TableStyle = presets::UTF8_HORIZONTAL_ONLY.row_separator(LineStyle::none());
+
 /// A table; numbers, all that starts with a digit or a dash, stand to the right.
 pub(crate) fn table_of(words: &Words) -> Table {
     let mut table = Table::new();
-    table
-        .load_style(presets::UTF8_HORIZONTAL_ONLY)
-        .set_content_arrangement(ContentArrangement::Dynamic);
+    table.load_style(RULES).set_content_arrangement(ContentArrangement::Dynamic);
     table.set_header(&words.header);
     for row in &words.rows {
         table.add_row(row.iter().map(|text| {

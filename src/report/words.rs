@@ -2,6 +2,7 @@
 
 use serde::Serialize;
 
+use crate::report::compare::{Comparison, Verdict};
 use crate::report::contest::Contest;
 use crate::report::detection::{Cause, Stratum};
 use crate::report::refinement::{Estimate, RefinementSummary};
@@ -274,6 +275,42 @@ fn of_contest(contest: &Contest) -> ContestWords {
         table: Words { header: header.map(str::to_owned).to_vec(), rows: rows.collect() },
         sentences,
     }
+}
+
+/// Two runs beside each other, what became worse first.
+pub fn compared(comparison: &Comparison) -> Words {
+    let header = [
+        "method",
+        "camera",
+        "corners",
+        "error, times before (95 %)",
+        "p",
+        "failed, more (95 %)",
+        "p",
+        "verdict",
+    ];
+    let order = [Verdict::Worse, Verdict::Better, Verdict::NotToldApart, Verdict::Same];
+    let methods = order.into_iter().flat_map(|verdict| {
+        comparison.methods.iter().filter(move |method| method.verdict == verdict)
+    });
+    let share = |more: Option<Estimate>| {
+        let of_hundred = more.map(|more| more.map(|share| 100.0 * share));
+        of_hundred.map_or_else(|| "-".to_owned(), |_| format!("{} %", between(of_hundred, 1)))
+    };
+    let chance = |p: Option<f64>| p.map_or_else(|| "-".to_owned(), probability);
+    let rows = methods.map(|method| {
+        vec![
+            method.method.clone(),
+            method.camera.clone(),
+            method.corners.to_string(),
+            between(method.error_ratio, 3),
+            chance(method.p_of_error),
+            share(method.failed_more),
+            chance(method.p_of_failed),
+            method.verdict.words().to_owned(),
+        ]
+    });
+    Words { header: header.map(str::to_owned).to_vec(), rows: rows.collect() }
 }
 
 /// A probability, no smaller than what it is known to.

@@ -405,8 +405,8 @@ mod tests {
     #[test]
     fn sums_pools_and_indices_agree_and_only_the_name_matters() {
         let clusters: Vec<Vec<f64>> = SPATIAL.chunks(3).map(<[f64]>::to_vec).collect();
-        let rows: Vec<[f64; 2]> =
-            clusters.iter().map(|c| [c.iter().sum(), f64::from(c.len() as u32)]).collect();
+        let row = |c: &Vec<f64>| [c.iter().sum(), c.iter().map(|_| 1.0).sum()];
+        let rows: Vec<[f64; 2]> = clusters.iter().map(row).collect();
         let bootstrap = Bootstrap::named(&["one"]);
         let of_sums = bootstrap.of_sums(&rows, |[sum, count]| Some(sum / count)).expect("9");
         let of_pooled = bootstrap.of_pooled(&clusters, |values| mean(values)).expect("9");

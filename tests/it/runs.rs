@@ -12,7 +12,7 @@ use cornerbench::scene::Dataset;
 
 use crate::dataset::json;
 use crate::support::{
-    copy_folder, cornerbench, plain_dataset, recipes, run, stderr, stdout, succeed,
+    copy_folder, cornerbench, plain_dataset, project, python, recipes, run, stderr, stdout, succeed,
 };
 
 /// A dataset of so many copies of the two plain scenes.
@@ -299,4 +299,85 @@ fn plans_that_make_no_sense_say_why() {
         assert_eq!(output.status.code(), Some(2), "{text}: {}", stdout(&output));
         assert!(stderr(&output).contains(words), "{text}: {words}: {}", stderr(&output));
     }
+}
+
+#[test]
+fn other_programs_read_the_records_as_the_documentation_says() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let run_folder = folder.path().join("RUN");
+    succeed(&mut measure("seeds", plain_dataset(), &run_folder, &[]));
+    let text = fs::read_to_string(project().join("scenes/FORMAT.md")).expect("a file");
+    let (_, code) = text.split_once("```python\nduckdb").expect("code");
+    let (code, _) = code.split_once("```").expect("its end");
+    let [duckdb, pandas, polars] = format!("duckdb{code}")
+        .trim()
+        .split('\n')
+        .map(str::to_owned)
+        .collect::<Vec<_>>()
+        .try_into()
+        .expect("three lines");
+    let program = format!(
+        "import json, duckdb, pandas, polars\n\
+         print(json.dumps([dict({duckdb}.fetchall()), dict({pandas}), dict({polars}.rows())]))"
+    );
+    let said = succeed(Command::new(python()).current_dir(folder.path()).args(["-c", &program]));
+    let found: Vec<BTreeMap<String, f64>> = serde_json::from_str(&said).expect("JSON");
+    let summary = json(&run_folder.join("summary.json"));
+    let mut cameras: BTreeMap<&str, usize> = BTreeMap::new();
+    for method in summary["methods"].as_array().expect("methods") {
+        *cameras.entry(method["method"].as_str().expect("a name")).or_default() += 1;
+    }
+    assert_eq!(found[0].len(), cameras.len());
+    for other in &found[1..] {
+        assert!(found[0].keys().eq(other.keys()));
+        assert!(found[0].values().zip(other.values()).all(|(a, b)| (a - b).abs() < 1e-12));
+    }
+    // Of both cameras together, which the summary has one by one: between the two.
+    for (name, median_px) in &found[0] {
+        let methods = summary["methods"].as_array().expect("methods").iter();
+        let medians: Vec<f64> = methods
+            .filter(|method| method["method"] == name.as_str())
+            .filter_map(|method| method["refinement"]["all"]["median_px"]["value"].as_f64())
+            .collect();
+        let low = medians.iter().copied().fold(f64::INFINITY, f64::min);
+        let high = medians.iter().copied().fold(0.0, f64::max);
+        assert!((low - 1e-9..=high + 1e-9).contains(median_px), "{name}: {median_px} {medians:?}");
+    }
+}
+
+#[test]
+fn compare_says_what_became_worse_and_ends_with_one() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let dataset = copies(folder.path(), 12);
+    let recipes_of = |name: &str, pipelines: &str| {
+        let copy = folder.path().join(name);
+        copy_folder(&recipes(), &copy);
+        let text = format!("camera = 'ideal'\n{pipelines}");
+        fs::write(copy.join("plans/one.toml"), text).expect("written");
+        let output = folder.path().join(format!("run-{name}"));
+        let mut command = cornerbench();
+        command.args(["measure", "one", "-q", "--recipes"]).arg(copy).arg("-o").arg(&output);
+        succeed(command.arg(&dataset));
+        output
+    };
+    let pipeline = |name: &str, disc_px: f64| {
+        format!("[[pipelines]]\nname = '{name}'\nseeds.disc_px = {disc_px:?}\nrefine = 'none'")
+    };
+    let near = recipes_of("near", &pipeline("a", 0.5));
+    let far = recipes_of("far", &pipeline("a", 2.0));
+    let other = recipes_of("other", &pipeline("b", 2.0));
+    let compare = |first: &Path, second: &Path| {
+        let output = run(cornerbench().args(["compare", "--json"]).arg(first).arg(second));
+        let said = serde_json::from_slice::<serde_json::Value>(&output.stdout).unwrap_or_default();
+        (output.status.code(), said["methods"][0]["verdict"].clone(), stderr(&output))
+    };
+    for (first, second, code, verdict) in
+        [(&near, &far, 1, "worse"), (&far, &near, 0, "better"), (&far, &far, 0, "same")]
+    {
+        let (found, words, _) = compare(first, second);
+        assert_eq!((found, words), (Some(code), verdict.into()));
+    }
+    let (code, _, words) = compare(&far, &other);
+    assert_eq!(code, Some(2));
+    assert!(words.contains("share no method"), "{words}");
 }
