@@ -1,15 +1,22 @@
-//! `cornerbench verify`: a dataset is whole, and its image is where its truth says.
+//! `cornerbench verify`: a dataset is whole, its image is where its truth says, and answers that are known beforehand
+//! score what they must.
 
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 
+use serde::Serialize;
 use serde_json::{Value, json};
 
-use super::{Ended, Global, print_line};
+use super::{Ended, Global, print_line, project};
 use crate::convention::{
     CornerOffset, Evidence, MeanOffset, corner_offsets, is_sharp, mean_offset, root_mean_square_px,
 };
 use crate::error::{Error, Result};
+use crate::plan::read_camera;
+use crate::report::refinement::Estimate;
+use crate::report::summary::{MethodSummary, summarise};
+use crate::report::words;
+use crate::run::known_answers;
 use crate::scene::{Dataset, Scene, TrueCorner, Visibility};
 
 /// What passes of one kind of evidence.
@@ -40,6 +47,9 @@ pub(super) struct Options {
     /// The dataset's folder.
     #[arg(default_value = "out/quick/dataset")]
     dataset: PathBuf,
+    /// The camera by which answers are scored that are known beforehand; one with noise.
+    #[arg(long, value_name = "NAME", default_value = "industrial-colour")]
+    camera: String,
 }
 
 pub(super) fn run(global: &Global, options: &Options) -> Result<Ended> {
@@ -70,7 +80,14 @@ pub(super) fn run(global: &Global, options: &Options) -> Result<Ended> {
         )));
     };
     let passed = coverage.passed && radiance.as_ref().is_none_or(|found| found.passed);
-    let passed = passed && unreadable.is_empty();
+    let known = if unreadable.is_empty() {
+        let camera = read_camera(&project::recipes(global)?, &options.camera)?;
+        let records = known_answers(&dataset, camera)?;
+        summarise(&records).methods.iter().map(KnownAnswer::of).collect()
+    } else {
+        Vec::new()
+    };
+    let passed = passed && unreadable.is_empty() && known.iter().all(|known| known.passed);
     if global.json {
         print_line(json!({
             "coverage": coverage.json(&in_coverage),
@@ -78,6 +95,7 @@ pub(super) fn run(global: &Global, options: &Options) -> Result<Ended> {
             "visible": visible,
             "not_sharp": not_sharp,
             "unreadable": unreadable,
+            "known_answers": known,
             "passed": passed,
         }))?;
     } else {
@@ -85,6 +103,9 @@ pub(super) fn run(global: &Global, options: &Options) -> Result<Ended> {
         match radiance {
             Some(found) => print_line(found.sentence(visible))?,
             None => print_line("radiance: fewer than 2 corners are clean enough to be measured")?,
+        }
+        for known in &known {
+            print_line(known.sentence())?;
         }
         print_line(format_args!(
             "{} scenes unreadable, {not_sharp} not measured because edges are rounded or out of \
@@ -94,6 +115,78 @@ pub(super) fn run(global: &Global, options: &Options) -> Result<Ended> {
         ))?;
     }
     Ok(if passed { Ended::Well } else { Ended::Partly })
+}
+
+/// What answers that are known beforehand scored, and whether that is right.
+#[derive(Serialize)]
+struct KnownAnswer {
+    name: String,
+    found: String,
+    expected: &'static str,
+    passed: bool,
+}
+
+impl KnownAnswer {
+    fn of(method: &MethodSummary) -> Self {
+        let all = &method.refinement.all;
+        let value = |estimate: Option<Estimate>| estimate.map_or(f64::NAN, |e| e.value);
+        let is_near = |found: f64, wanted: f64| (found - wanted).abs() < 1e-9;
+        // An interval misses once in twenty: twice as wide it does not.
+        let holds = |estimate: Option<Estimate>, wanted: f64| {
+            let ends = estimate.and_then(|e| Some((e.value, e.low?, e.high?)));
+            ends.is_some_and(|(value, low, high)| {
+                (2.0 * low - value..=2.0 * high - value).contains(&wanted)
+            })
+        };
+        let offset = |wanted: [f64; 2]| {
+            all.offset_px.iter().zip(wanted).all(|(found, wanted)| is_near(value(*found), wanted))
+        };
+        let is_all = all.answered == all.asked && all.asked > 0;
+        let shift = method.refinement.shift;
+        let [x, y] = all.offset_px.map(value);
+        let (found, expected, passed) = match method.method.as_str() {
+            "truth" => (
+                format!(
+                    "{} of {} answers, rms error {:.1e} px",
+                    all.answered,
+                    all.asked,
+                    value(all.rmse_px).max(0.0)
+                ),
+                "all, 0 px",
+                is_all && all.max_px.is_some_and(|error| error < 1e-9) && shift.is_none(),
+            ),
+            "offset" => (
+                format!("mean offset ({x:+.4}, {y:+.4}) px"),
+                "(+0.3, -0.2) px",
+                is_all && offset([0.3, -0.2]) && shift.is_none(),
+            ),
+            "half-pixel" => (
+                shift.unwrap_or("not recognised").to_owned(),
+                "half a pixel, recognised",
+                is_all
+                    && offset([0.5, 0.5])
+                    && shift.is_some_and(|words| words.contains("pixel's corner")),
+            ),
+            _ => (
+                format!(
+                    "efficiency {}, squared error over covariance {}",
+                    words::between(all.efficiency, 3),
+                    words::between(all.nees, 2)
+                ),
+                "efficiency 1, 2",
+                is_all && holds(all.efficiency, 1.0) && holds(all.nees, 2.0),
+            ),
+        };
+        Self { name: method.method.clone(), found, expected, passed }
+    }
+
+    fn sentence(&self) -> String {
+        let verdict = if self.passed { "passed" } else { "FAILED" };
+        format!(
+            "known answers, {}: {} (expected: {}): {verdict}",
+            self.name, self.found, self.expected
+        )
+    }
 }
 
 /// What was measured of a scene.

@@ -379,7 +379,8 @@ impl Pipeline {
         })
     }
 
-    fn build(place: &str, table: &Table) -> Result<Self> {
+    /// The pipeline of a table that has one value of each.
+    pub(crate) fn build(place: &str, table: &Table) -> Result<Self> {
         let file: PipelineFile = registry::parameters(place, table)?;
         // A pipeline's name is part of file names and addresses.
         let legal = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || "-_=.".contains(c);

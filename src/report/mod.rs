@@ -109,6 +109,7 @@ pub fn write(folder: &Path) -> Result<(Summary, PathBuf)> {
         "comparison": words::comparison(&summary),
         "refinement": refinement,
         "contests": words::contests(&summary),
+        "shifts": words::shifts(&summary),
         "worst": worst,
         "strata": words::strata(&summary),
         "causes": words::causes(&summary),

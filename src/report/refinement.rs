@@ -19,6 +19,8 @@ pub struct RefinementSummary {
     pub clear: Refined,
     /// How many had each status.
     pub statuses: BTreeMap<String, usize>,
+    /// What all answers look shifted by, where it is what another origin of coordinates makes.
+    pub shift: Option<&'static str>,
 }
 
 /// Corners that a refiner was given. Errors are of its answers; how many these are stands beside how many were asked
@@ -47,7 +49,9 @@ pub struct Refined {
     pub bias_along_px: Option<Estimate>,
     /// Mean error across that \[px\].
     pub bias_across_px: Option<Estimate>,
-    /// Root mean square error about these means, of both coordinates \[px\].
+    /// Mean error along x and along y \[px\].
+    pub offset_px: [Option<Estimate>; 2],
+    /// Root mean square error about the means in the corner's own frame, of both coordinates \[px\].
     pub spread_px: Option<Estimate>,
     /// Root mean square error over that of the bounds from the pixels within 10 px.
     pub rmse_over_bound: Option<Estimate>,
@@ -97,7 +101,30 @@ pub fn summarise(records: &[&Record]) -> RefinementSummary {
     for record in &found {
         *statuses.entry(record.refine_status.clone().unwrap_or_default()).or_insert(0) += 1;
     }
-    RefinementSummary { all: Refined::of(&found), clear: Refined::of(&clear), statuses }
+    let all = Refined::of(&found);
+    let shift = shift(&all);
+    RefinementSummary { all, clear: Refined::of(&clear), statuses, shift }
+}
+
+/// What another origin of coordinates shifts answers by, where these are so, to a tenth of a pixel, and surely.
+fn shift(refined: &Refined) -> Option<&'static str> {
+    const NEAR_PX: f64 = 0.1;
+    let [x, y] = refined.offset_px;
+    let is_at = |offset: Option<Estimate>, by_px: f64| {
+        offset.is_some_and(|offset| {
+            let ends = offset.low.zip(offset.high);
+            (offset.value - by_px).abs() < NEAR_PX
+                && ends.is_some_and(|(low, high)| high - low < 2.0 * NEAR_PX)
+        })
+    };
+    [
+        (0.5, "answers look shifted by (+0.5, +0.5) px: they count from the pixel's corner"),
+        (-0.5, "answers look shifted by (-0.5, -0.5) px: half a pixel is taken off once too often"),
+        (1.0, "answers look shifted by (+1, +1) px: they count from 1"),
+        (-1.0, "answers look shifted by (-1, -1) px: 1 is taken off once too often"),
+    ]
+    .into_iter()
+    .find_map(|(by_px, words)| (is_at(x, by_px) && is_at(y, by_px)).then_some(words))
 }
 
 /// Whether a refiner was given this corner.
@@ -117,6 +144,8 @@ enum Sum {
     Failed,
     Answered,
     Square,
+    X,
+    Y,
     Framed,
     FramedSquare,
     Along,
@@ -154,6 +183,9 @@ fn sums_of(record: &Record) -> Sums {
     let Some(error_px) = error_px else { return sums };
     add(Sum::Answered, 1.0);
     add(Sum::Square, error_px * error_px);
+    let off = |at: Option<f64>, truth: Option<f64>| at.zip(truth).map_or(0.0, |(a, b)| a - b);
+    add(Sum::X, off(record.refined_x_px, record.true_x_px));
+    add(Sum::Y, off(record.refined_y_px, record.true_y_px));
     if let (Some(along_px), Some(across_px)) = (record.refined_along_px, record.refined_across_px) {
         add(Sum::Framed, 1.0);
         add(Sum::FramedSquare, error_px * error_px);
@@ -200,22 +232,21 @@ impl Refined {
             answered: answers.clone().count(),
             scenes: with_answers.count(),
             failed: of_sums(&|sums| ratio(sums, Sum::Failed, Sum::Asked)),
-            rmse_px: root(of_sums(&|sums| log(ratio(sums, Sum::Square, Sum::Answered)))),
+            rmse_px: rms(&sums, Sum::Square, Sum::Answered),
             median_px: quantile(0.5),
             p95_px: quantile(0.95),
             p99_px: quantile(0.99),
             max_px: answers.max_by(f64::total_cmp),
             bias_along_px: of_sums(&|sums| ratio(sums, Sum::Along, Sum::Framed)),
             bias_across_px: of_sums(&|sums| ratio(sums, Sum::Across, Sum::Framed)),
+            offset_px: [Sum::X, Sum::Y].map(|sum| of_sums(&|sums| ratio(sums, sum, Sum::Answered))),
             spread_px: of_sums(&|sums| {
                 let along = ratio(sums, Sum::Along, Sum::Framed)?;
                 let across = ratio(sums, Sum::Across, Sum::Framed)?;
                 let square = ratio(sums, Sum::FramedSquare, Sum::Framed)?;
                 Some((square - along * along - across * across).max(0.0).sqrt())
             }),
-            rmse_over_bound: root(of_sums(&|sums| {
-                log(ratio(sums, Sum::SquareOfBounded, Sum::BoundSquare))
-            })),
+            rmse_over_bound: rms(&sums, Sum::SquareOfBounded, Sum::BoundSquare),
             efficiency: of_sums(&|sums| log(ratio(sums, Sum::BoundSquare, Sum::SquareOfBounded)))
                 .map(|estimate| estimate.map(f64::exp)),
             nees: of_sums(&|sums| ratio(sums, Sum::NormedSquare, Sum::Normed)),
@@ -229,9 +260,12 @@ fn log(value: Option<f64>) -> Option<f64> {
     value.filter(|value| *value > 0.0).map(f64::ln)
 }
 
-/// The root of what a logarithm is of.
-fn root(estimate: Option<Estimate>) -> Option<Estimate> {
-    estimate.map(|estimate| estimate.map(|log| (0.5 * log).exp()))
+/// The root of the ratio of two sums over scenes; its interval is that of the logarithm.
+fn rms(scenes: &[Sums], part: Sum, whole: Sum) -> Option<Estimate> {
+    let of_log = estimate(scenes, &|sums| log(ratio(sums, part, whole)));
+    let is_exact = scenes.iter().any(|sums| of(sums, whole) > 0.0);
+    let exact = is_exact.then_some(Estimate { value: 0.0, low: None, high: None });
+    of_log.map(|of_log| of_log.map(|log| (0.5 * log).exp())).or(exact)
 }
 
 /// A statistic of the sums over scenes, with its interval.
@@ -296,7 +330,7 @@ mod tests {
             corner("b", 9.0, Some(30.0), "diverged"),
         ];
         let records: Vec<&Record> = records.iter().collect();
-        let RefinementSummary { all, clear, statuses } = summarise(&records);
+        let RefinementSummary { all, clear, statuses, .. } = summarise(&records);
         assert_eq!((all.asked, all.answered, all.scenes), (3, 2, 1));
         assert_eq!((clear.asked, clear.answered), (2, 1));
         let near = |found: Option<Estimate>, wanted: f64| {
@@ -330,6 +364,34 @@ mod tests {
         // The standard error of twenty evenly spread numbers, 0.0132, times Student's 2.09.
         assert!((value - 0.195).abs() < 1e-9);
         assert!((high - low - 2.0 * 2.09 * 0.0132).abs() < 0.006, "{low} {high}");
+    }
+
+    #[test]
+    fn errors_of_nothing_at_all_are_zero_and_half_a_pixel_is_recognised() {
+        let exact: Vec<Record> =
+            (0..9).map(|scene| corner(&scene.to_string(), 0.0, None, "ok")).collect();
+        let summary = summarise(&exact.iter().collect::<Vec<_>>());
+        assert!(value(summary.all.rmse_px).abs() < 1e-12);
+        assert_eq!(summary.shift, None);
+        let shifted = |by_px: f64| -> Option<&str> {
+            let rows: Vec<Record> = exact
+                .iter()
+                .enumerate()
+                .map(|(index, record)| {
+                    let noise_px = 0.02 * (index % 3) as f64;
+                    let at = |truth: Option<f64>| truth.map(|truth| truth + by_px + noise_px);
+                    Record {
+                        refined_x_px: at(record.true_x_px),
+                        refined_y_px: at(record.true_y_px),
+                        ..record.clone()
+                    }
+                })
+                .collect();
+            summarise(&rows.iter().collect::<Vec<_>>()).shift
+        };
+        assert!(shifted(0.48).is_some_and(|words| words.contains("pixel's corner")));
+        assert!(shifted(-1.02).is_some_and(|words| words.contains("(-1, -1)")));
+        assert_eq!(shifted(0.25), None);
     }
 
     #[test]

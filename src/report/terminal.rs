@@ -25,6 +25,9 @@ pub fn tables(summary: &Summary) -> String {
              over the refiner's own covariance, 2 is right; clear: nothing before the corner within 20 px\n",
         );
     }
+    for shift in words::shifts(summary) {
+        text.push_str(&format!("! {shift}\n"));
+    }
     for contest in words::contests(summary) {
         text.push_str(&format!("\n{}\n{}\n", contest.given, table_of(&contest.table)));
         for sentence in contest.sentences {

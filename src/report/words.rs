@@ -169,7 +169,7 @@ pub fn refinement(summary: &Summary) -> Option<Words> {
         "declined",
     ];
     let rows = by_refined_error(summary).into_iter().map(|method| {
-        let RefinementSummary { all, clear, statuses } = &method.refinement;
+        let RefinementSummary { all, clear, statuses, .. } = &method.refinement;
         let declined: Vec<String> = statuses
             .iter()
             .filter(|(status, _)| !matches!(status.as_str(), "ok" | "max_iterations"))
@@ -197,13 +197,21 @@ pub fn refinement(summary: &Summary) -> Option<Words> {
     Some(Words { header: header.map(str::to_owned).to_vec(), rows: rows.collect() })
 }
 
+/// What must be said of refiners beside their numbers.
+pub fn shifts(summary: &Summary) -> Vec<String> {
+    let of_method = |method: &MethodSummary| {
+        method.refinement.shift.map(|words| format!("{}: {words}", method.label))
+    };
+    summary.methods.iter().filter_map(of_method).collect()
+}
+
 /// A number without its interval; "-" of nothing.
 fn of_estimate(estimate: Option<Estimate>, digits: usize) -> String {
     estimate.map_or_else(|| "-".to_owned(), |estimate| format!("{:.digits$}", estimate.value))
 }
 
 /// A number with its interval: "0.312 (0.280 to 0.344)"; "-" of nothing.
-fn between(estimate: Option<Estimate>, digits: usize) -> String {
+pub fn between(estimate: Option<Estimate>, digits: usize) -> String {
     let Some(Estimate { value, low, high }) = estimate else { return "-".to_owned() };
     match low.zip(high) {
         Some((low, high)) => format!("{value:.digits$} ({low:.digits$} to {high:.digits$})"),

@@ -4,6 +4,7 @@
 //! that was killed goes on where it was, and memory does not grow with the suite.
 
 mod answers;
+mod known;
 pub mod limits;
 mod merge;
 mod parts;
@@ -26,6 +27,7 @@ use crate::scene::{Dataset, Split, sha256_hex};
 
 use parts::Parts;
 
+pub use known::{Known, known_answers};
 pub use merge::merge;
 pub use photographs::{Photographs, Wanted, photograph};
 

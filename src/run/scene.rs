@@ -9,13 +9,16 @@ use super::score::{Scorer, sketch};
 use crate::bound::{Seeing, corner_bounds};
 use crate::detect::Detection;
 use crate::error::{Error, Result};
+use crate::files::write_json;
 use crate::geometry::ImagePoint;
 use crate::metrics::Seen;
 use crate::plan::{Pipeline, Plan, Seeds, Shots, Stage};
 use crate::random::Stream;
 use crate::record::{RECORD_VERSION, Record, kind, status, track};
-use crate::scene::{Description, Scene, TrueCorner};
-use crate::sensor::{Kernel, PhotographBuffers, Photographer, RangeImage, RangeSensor, Rig, Shot};
+use crate::scene::{Description, Film, Scene, TrueCorner, Truth};
+use crate::sensor::{
+    Exposure, Kernel, PhotographBuffers, Photographer, RangeImage, RangeSensor, Rig, Shot,
+};
 
 /// The rows of a scene. What a report draws of each camera's first photograph goes into `folder`/CAMERA.
 ///
@@ -67,24 +70,37 @@ enum Failure {
 }
 
 /// Where photographs of one scene are taken from: a camera at a phase.
-struct Station<'a> {
-    plan: &'a Plan,
-    suite: &'a str,
-    scene: &'a Scene,
-    camera: &'a Photographer,
-    kernel: &'a Kernel,
-    phase: u32,
+pub(super) struct Station<'a> {
+    pub plan: &'a Plan,
+    pub suite: &'a str,
+    pub scene: &'a Scene,
+    pub camera: &'a Photographer,
+    pub kernel: &'a Kernel,
+    pub phase: u32,
+}
+
+/// What a photograph shows, and what is asked for in it.
+pub(super) struct Shown<'a> {
+    pub exposure: &'a Exposure,
+    pub rig: &'a Rig,
+    pub truth: &'a Truth,
+    pub scorer: &'a Scorer<'a>,
+    /// The corners asked for.
+    pub asked: &'a [&'a TrueCorner],
+    /// What names this photograph.
+    pub name: [&'a str; 3],
+    pub blur_px: f64,
 }
 
 impl Station<'_> {
-    /// The rows of one photograph.
-    fn rows(
+    /// Takes a photograph and shows it.
+    pub fn show<T>(
         &self,
-        film: &crate::scene::Film,
+        film: &Film,
         number: u32,
-        folder: Option<&Path>,
         buffers: &mut PhotographBuffers,
-    ) -> std::result::Result<Vec<Record>, Failure> {
+        shown: impl FnOnce(&Shown) -> T,
+    ) -> T {
         let Self { plan, suite, scene, camera, kernel, .. } = *self;
         let text = number.to_string();
         let name = [suite, scene.name.as_str(), &text];
@@ -93,17 +109,11 @@ impl Station<'_> {
         let photograph = camera.expose(film, &film_camera, kernel, &shot, buffers);
         let truth = scene.truth.seen_by(&film_camera, &photograph.camera);
         let noise_free = camera.noise_free(&photograph);
-        let exposure = &photograph.exposure;
         let world_from_camera = scene.description.world_from_camera;
         let rig = Rig { camera: photograph.camera, world_from_camera };
-        let range =
-            range_image(&plan.range_sensor_model, scene, &name).map_err(Failure::Photograph)?;
-        let depth_range_m = match folder {
-            Some(folder) => write_pictures(folder, exposure, scene).map_err(Failure::Output)?,
-            None => [0.0; 2],
-        };
         let colour = camera.model().colour;
-        let seeing = Seeing { exposure: &noise_free, colour, blur_px: photograph.blur_px };
+        let blur_px = photograph.blur_px;
+        let seeing = Seeing { exposure: &noise_free, colour, blur_px };
         let bounds = corner_bounds(&truth, &rig, &seeing);
         let scorer = Scorer {
             seen: Seen::new(scene, &truth, bounds, &rig),
@@ -112,24 +122,60 @@ impl Station<'_> {
             gain: camera.model().gain,
         };
         let asked: Vec<&TrueCorner> = scorer.seen.asked(plan.corner_rule).collect();
+        shown(&Shown {
+            exposure: &photograph.exposure,
+            rig: &rig,
+            truth: &truth,
+            scorer: &scorer,
+            asked: &asked,
+            name,
+            blur_px,
+        })
+    }
+
+    /// The rows of one photograph.
+    fn rows(
+        &self,
+        film: &Film,
+        number: u32,
+        folder: Option<&Path>,
+        buffers: &mut PhotographBuffers,
+    ) -> std::result::Result<Vec<Record>, Failure> {
+        self.show(film, number, buffers, |shown| self.rows_of(shown, number, folder))
+    }
+
+    fn rows_of(
+        &self,
+        shown: &Shown,
+        number: u32,
+        folder: Option<&Path>,
+    ) -> std::result::Result<Vec<Record>, Failure> {
+        let Self { plan, scene, .. } = *self;
+        let Shown { exposure, rig, truth, scorer, asked, name, blur_px } = *shown;
+        let range =
+            range_image(&plan.range_sensor_model, scene, &name).map_err(Failure::Photograph)?;
+        let depth_range_m = match folder {
+            Some(folder) => write_pictures(folder, exposure, scene).map_err(Failure::Output)?,
+            None => [0.0; 2],
+        };
         let mut records = Vec::new();
         for pipeline in &plan.pipelines {
             let given = match pipeline.seeds {
-                Seeds::Disc { radius_px } => seeds_in_disc(&asked, radius_px, &name),
+                Seeds::Disc { radius_px } => seeds_in_disc(asked, radius_px, &name),
                 Seeds::Detected { .. } => Vec::new(),
             };
-            let answers = Answers::of(pipeline, exposure, &rig, &range, &given);
-            let template = self.template(pipeline, number, photograph.blur_px);
+            let answers = Answers::of(pipeline, exposure, rig, &range, &given);
+            let template = self.template(pipeline, number, blur_px);
             records.extend(scorer.records(&template, pipeline, &answers));
             // What a report draws: the way to a grasp.
             let Some(folder) = folder.filter(|_| pipeline.grasp.is_some()) else { continue };
-            let sketch = sketch(scene, &truth, &answers, depth_range_m);
+            let sketch = sketch(scene, truth, &answers, depth_range_m);
             let written = || -> Result<()> {
                 if let Some(Ok(region)) = &answers.region {
                     let path = folder.join(format!("{}-target.png", pipeline.name));
                     pictures::write_target(&path, exposure, region)?;
                 }
-                crate::files::write_json(&folder.join(format!("{}.json", pipeline.name)), &sketch)
+                write_json(&folder.join(format!("{}.json", pipeline.name)), &sketch)
             };
             written().map_err(Failure::Output)?;
         }
@@ -137,7 +183,7 @@ impl Station<'_> {
     }
 
     /// A record with everything that is the same for all rows of a photograph and method.
-    fn template(&self, pipeline: &Pipeline, number: u32, blur_px: f64) -> Record {
+    pub fn template(&self, pipeline: &Pipeline, number: u32, blur_px: f64) -> Record {
         let [phase_x_px, phase_y_px] = Shots::phase_px(self.phase);
         let (track, disc_px, detector) = match &pipeline.seeds {
             Seeds::Disc { radius_px } => (track::REFINEMENT, Some(*radius_px), None),
@@ -193,11 +239,7 @@ pub(super) fn range_image(
     sensor.measure(&scene.range, range_camera, *world_from_range, name)
 }
 
-fn write_pictures(
-    folder: &Path,
-    exposure: &crate::sensor::Exposure,
-    scene: &Scene,
-) -> Result<[f64; 2]> {
+fn write_pictures(folder: &Path, exposure: &Exposure, scene: &Scene) -> Result<[f64; 2]> {
     fs::create_dir_all(folder).map_err(Error::io(folder, "create"))?;
     pictures::write_exposure(&folder.join("exposure.png"), exposure)?;
     pictures::write_depth(&folder.join("depth.png"), &scene.geometry.depth_m)

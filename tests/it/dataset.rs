@@ -54,6 +54,9 @@ fn rendered_corners_are_where_the_projection_says_to_a_hundredth_of_a_pixel() {
     assert_eq!(code, Some(0), "{found}");
     // Two of the visible corners end edges that are too short to be measured.
     assert_eq!(found["visible"], 13, "{found}");
+    let known = found["known_answers"].as_array().expect("known answers");
+    assert_eq!(known.len(), 4, "{found}");
+    assert!(known.iter().all(|known| known["passed"] == true), "{found}");
     for (evidence, length_px, corners) in [("coverage", 0.002, 11), ("radiance", 0.01, 6)] {
         let found = &found[evidence];
         assert!(found["mean"]["length_px"].as_f64().expect("a length") < length_px, "{found}");
