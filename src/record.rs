@@ -352,6 +352,8 @@ pub struct RunDescription {
     pub scenes: Vec<String>,
     /// Which of them were measured, where not all: every N-th from number I, "I/N".
     pub shard: Option<String>,
+    /// Scenes of which something could not be read or photographed.
+    pub unreadable: Vec<String>,
     /// Hash of all that decides what is measured: runs of one hash can be merged.
     pub identity_sha256: String,
     /// The range sensor's values.

@@ -4,14 +4,12 @@ mod bootstrap;
 #[cfg(test)]
 mod coverage;
 mod permutation;
-mod proportion;
 mod ranking;
 
 use serde::Serialize;
 
 pub use bootstrap::{Bootstrap, Interval, NoInterval};
 pub use permutation::{SignFlips, holm, sign_flips};
-pub use proportion::{Proportion, wilson};
 pub use ranking::{Friedman, critical_difference, friedman, groups, ranks, studentised_range};
 
 /// The mean; `None` of nothing.

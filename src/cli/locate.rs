@@ -72,7 +72,8 @@ struct Named<T: ?Sized> {
 
 /// What to do with each picture.
 struct Task {
-    detector: Box<dyn Detector>,
+    /// None where seeds are given.
+    detector: Option<Box<dyn Detector>>,
     refiners: Vec<Named<dyn Refiner>>,
     /// Seeds that were given; no detector is asked then.
     points: Option<Vec<ImagePoint>>,
@@ -133,9 +134,14 @@ fn task(global: &Global, options: &Options) -> Result<Task> {
     let pipeline = plan.pipelines.into_iter().next();
     let pipeline =
         pipeline.ok_or_else(|| Error::Other(format!("plan {}: no pipelines", options.plan)))?;
+    let known = options.known.as_ref().map(|path| KnownCorners::read(path, options.origin));
+    let known = known.transpose()?;
+    let points = points(options)?;
+    let seeds_known = known.is_some() && points.is_none() && options.detector.is_none();
     let detector = match (&options.detector, pipeline.seeds) {
-        (Some(name), _) => built(DETECTORS, "detector", "--detector", name)?,
-        (None, Seeds::Detected { detect, .. }) => detect.algorithm,
+        _ if points.is_some() || seeds_known => None,
+        (Some(name), _) => Some(built(DETECTORS, "detector", "--detector", name)?),
+        (None, Seeds::Detected { detect, .. }) => Some(detect.algorithm),
         (None, Seeds::Disc { .. }) => {
             return Err(Error::Other(format!(
                 "plan {}: its first pipeline has no detector; give --detector, or another --plan",
@@ -159,10 +165,6 @@ fn task(global: &Global, options: &Options) -> Result<Task> {
         let stage = pipeline.refine;
         refiners.push(Named { name: stage.name.to_owned(), algorithm: stage.algorithm });
     }
-    let known = options.known.as_ref().map(|path| KnownCorners::read(path, options.origin));
-    let known = known.transpose()?;
-    let points = points(options)?;
-    let seeds_known = known.is_some() && points.is_none() && options.detector.is_none();
     Ok(Task { detector, refiners, points, known, seeds_known })
 }
 
@@ -206,10 +208,10 @@ impl Task {
             file.check_inside(&known, exposure.width(), exposure.height())?;
         }
         let at = |point: ImagePoint| Detection::new(point, 0.0);
-        let seeds: Vec<Detection> = match &self.points {
-            Some(points) => points.iter().copied().map(at).collect(),
-            None if self.seeds_known => known.iter().map(|corner| at(corner.point)).collect(),
-            None => self.detector.detect(&exposure, None),
+        let seeds: Vec<Detection> = match (&self.points, &self.detector) {
+            (Some(points), _) => points.iter().copied().map(at).collect(),
+            (None, Some(detector)) => detector.detect(&exposure, None),
+            (None, None) => known.iter().map(|corner| at(corner.point)).collect(),
         };
         let refined = |named: &Named<dyn Refiner>| named.algorithm.refine(&exposure, &seeds);
         let corners = self.refiners.iter().map(refined).collect();

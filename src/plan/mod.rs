@@ -237,29 +237,33 @@ fn allow_several(one: &mut serde_json::Value) {
     *one = serde_json::json!({ "anyOf": [one.clone(), several] });
 }
 
-fn target_schema(_: &mut SchemaGenerator) -> Schema {
-    stage_schema(EXTRACTORS)
+fn target_schema(generator: &mut SchemaGenerator) -> Schema {
+    stage_schema(generator, "Target", EXTRACTORS)
 }
 
-fn detect_schema(_: &mut SchemaGenerator) -> Schema {
-    stage_schema(DETECTORS)
+fn detect_schema(generator: &mut SchemaGenerator) -> Schema {
+    stage_schema(generator, "Detect", DETECTORS)
 }
 
-fn refine_schema(_: &mut SchemaGenerator) -> Schema {
-    stage_schema(REFINERS)
+fn refine_schema(generator: &mut SchemaGenerator) -> Schema {
+    stage_schema(generator, "Refine", REFINERS)
 }
 
-fn face_schema(_: &mut SchemaGenerator) -> Schema {
-    stage_schema(SELECTORS)
+fn face_schema(generator: &mut SchemaGenerator) -> Schema {
+    stage_schema(generator, "Face", SELECTORS)
 }
 
-fn grasp_schema(_: &mut SchemaGenerator) -> Schema {
-    stage_schema(ESTIMATORS)
+fn grasp_schema(generator: &mut SchemaGenerator) -> Schema {
+    stage_schema(generator, "Grasp", ESTIMATORS)
 }
 
 /// The schema of a stage: a table with the name of one of its algorithms and that one's parameters, each a value
 /// or several; or a name alone; or a list of these.
-fn stage_schema<T: ?Sized>(entries: &[Entry<T>]) -> Schema {
+fn stage_schema<T: ?Sized>(
+    generator: &mut SchemaGenerator,
+    stage: &str,
+    entries: &[Entry<T>],
+) -> Schema {
     let names: Vec<&str> = entries.iter().map(|entry| entry.name).chain(["all"]).collect();
     let of_entry = |entry: &Entry<T>| {
         let parameters = (entry.schema)();
@@ -291,9 +295,12 @@ fn stage_schema<T: ?Sized>(entries: &[Entry<T>]) -> Schema {
     let name = json_schema!({ "enum": names });
     let mut one: Vec<Schema> = entries.iter().map(of_entry).collect();
     one.extend([of_several, name]);
+    // Said once, for one of them and for a list.
+    let place = format!("#/$defs/{stage}");
+    generator.definitions_mut().insert(stage.to_owned(), serde_json::json!({ "anyOf": one }));
     json_schema!({ "anyOf": [
-        { "anyOf": one },
-        { "type": "array", "items": { "anyOf": one }, "minItems": 1 },
+        { "$ref": place },
+        { "type": "array", "items": { "$ref": place }, "minItems": 1 },
     ] })
 }
 

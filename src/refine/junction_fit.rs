@@ -59,7 +59,7 @@ pub const ENTRY: Entry<dyn Refiner> = Entry {
     name: "junction_fit",
     summary: "a blurred L, Y or arrow with ramps, fitted to all channels in linear light",
     reference: "Rohr 1992; Deriche & Blaszka 1993; Golub & Pereyra 1973",
-    version: 1,
+    version: 2,
     defaults: defaults::<JunctionFit>,
     schema: schema::<JunctionFit>,
     build: |place, table| Ok(Box::new(parameters::<JunctionFit>(place, table)?)),

@@ -1,7 +1,7 @@
 //! Answers whose scores are known beforehand: they check the scoring, not an algorithm.
 
 use nalgebra::Matrix2;
-use toml::Table;
+use toml::{Table, Value};
 
 use super::answers::Answers;
 use super::scene::{Shown, Station};
@@ -51,8 +51,12 @@ pub fn known_answers(dataset: &Dataset, camera: Photographer) -> Result<Vec<Reco
     let pipelines = Known::ALL
         .iter()
         .map(|(name, _)| {
-            let text = format!("name = '{name}'\nseeds.disc_px = 0\nrefine.algorithm = 'none'");
-            let table: Table = text.parse().unwrap_or_default();
+            let of = |key: &str, value: Value| Table::from_iter([(key.to_owned(), value)]);
+            let table = Table::from_iter([
+                ("name".to_owned(), (*name).into()),
+                ("seeds".to_owned(), of("disc_px", 0.0.into()).into()),
+                ("refine".to_owned(), of("algorithm", "none".into()).into()),
+            ]);
             Pipeline::build("known answers", &table)
         })
         .collect::<Result<Vec<_>>>()?;

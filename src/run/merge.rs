@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use super::{Outcome, Shard};
 use crate::error::{Error, Result};
 use crate::files::{write_json, write_whole};
-use crate::record::{RunDescription, join_records, kind, read_records, read_run};
+use crate::record::{RunDescription, join_records, read_run};
 
 /// Merges the shards of a run, all of them, into the run that one machine would have made: the same records,
 /// byte for byte.
@@ -78,19 +78,19 @@ pub fn merge(shards: &[PathBuf], output: &Path, command: &str) -> Result<Outcome
     for folder in &folders {
         copy_pictures(&folder.join("scenes"), &output.join("scenes"))?;
     }
-    let merged = RunDescription { shard: None, command: command.to_owned(), ..first.clone() };
-    write_json(&output.join("run.json"), &merged)?;
-    let mut unreadable: Vec<String> = read_records(&output.join("records.parquet"))?
-        .into_iter()
-        .filter(|record| record.kind == kind::SCENE)
-        .map(|record| record.scene)
-        .collect();
-    unreadable.dedup();
-    Ok(Outcome {
+    // In the order of the scenes, as one run has them.
+    let is_unreadable =
+        |scene: &&String| runs.iter().any(|(_, run)| run.unreadable.contains(scene));
+    let unreadable: Vec<String> = first.scenes.iter().filter(is_unreadable).cloned().collect();
+    let outcome = Outcome {
         scenes: first.scenes.len() - unreadable.len(),
         unreadable: unreadable.len(),
         resumed: 0,
-    })
+    };
+    let merged =
+        RunDescription { shard: None, command: command.to_owned(), unreadable, ..first.clone() };
+    write_json(&output.join("run.json"), &merged)?;
+    Ok(outcome)
 }
 
 /// Copies what reports draw; links do not count.

@@ -22,7 +22,7 @@ use serde_json::json;
 use crate::error::Result;
 use crate::files::{write_json, write_whole};
 use crate::plan::{Pipeline, Plan};
-use crate::record::{RunDescription, join_records, write_records};
+use crate::record::{Record, RunDescription, join_records, kind, read_records, write_records};
 use crate::scene::{Dataset, Split, sha256_hex};
 
 use parts::Parts;
@@ -77,6 +77,14 @@ pub struct Outcome {
     pub unreadable: usize,
     /// Scenes that an earlier run, which did not end, had measured already.
     pub resumed: usize,
+}
+
+/// What became of a scene.
+struct Done {
+    /// Whether an earlier run had measured it.
+    was_there: bool,
+    /// Whether something of it could not be read or photographed.
+    is_unreadable: bool,
 }
 
 /// A run that is to be: all that decides what is measured.
@@ -158,39 +166,54 @@ impl<'a> Run<'a> {
         let done = own
             .par_iter()
             .map(|name| {
-                let path = parts.path(name);
-                let is_there = path.is_file();
-                if !is_there {
-                    let pictures = output.join("scenes").join(name);
-                    let records = match self.dataset.read(name) {
-                        Ok(scene) => {
-                            scene::measure(self.plan, self.dataset.suite(), &scene, Some(&pictures))
-                        }
-                        Err(error) => Ok(scene::unreadable_by_all(
-                            self.plan,
-                            self.dataset.suite(),
-                            name,
-                            &error,
-                        )),
-                    }?;
-                    write_whole(&path, |path| write_records(path, &records))?;
-                }
+                let done = self.measure_one(name, &parts.path(name), output)?;
                 on_scene(name);
-                Ok(is_there)
+                Ok(done)
             })
-            .collect::<Result<Vec<bool>>>()?;
+            .collect::<Result<Vec<Done>>>()?;
         let paths: Vec<PathBuf> = own.iter().map(|name| parts.path(name)).collect();
         write_whole(&output.join("records.parquet"), |path| {
             join_records(path, paths.iter().map(|path| (path.as_path(), 0)))
         })?;
-        let unreadable = parts::unreadable(&paths)?;
-        write_json(&output.join("run.json"), &self.description(&identity, command))?;
+        let is_unreadable =
+            |(name, done): (&&str, &Done)| done.is_unreadable.then(|| (*name).to_owned());
+        let unreadable: Vec<String> = own.iter().zip(&done).filter_map(is_unreadable).collect();
+        let outcome = Outcome {
+            scenes: own.len() - unreadable.len(),
+            unreadable: unreadable.len(),
+            resumed: done.iter().filter(|done| done.was_there).count(),
+        };
+        let description = self.description(&identity, command, unreadable);
+        write_json(&output.join("run.json"), &description)?;
         parts.close()?;
-        let resumed = done.into_iter().filter(|is_there| *is_there).count();
-        Ok(Outcome { scenes: own.len() - unreadable, unreadable, resumed })
+        Ok(outcome)
     }
 
-    fn description(&self, identity: &str, command: &str) -> RunDescription {
+    /// Measures a scene, unless its part is there.
+    fn measure_one(&self, name: &str, part: &Path, output: &Path) -> Result<Done> {
+        let has_scene_row = |records: &[Record]| records.iter().any(|r| r.kind == kind::SCENE);
+        if part.is_file() {
+            return Ok(Done {
+                was_there: true,
+                is_unreadable: has_scene_row(&read_records(part)?),
+            });
+        }
+        let pictures = output.join("scenes").join(name);
+        let suite = self.dataset.suite();
+        let records = match self.dataset.read(name) {
+            Ok(scene) => scene::measure(self.plan, suite, &scene, Some(&pictures))?,
+            Err(error) => scene::unreadable_by_all(self.plan, suite, name, &error),
+        };
+        write_whole(part, |path| write_records(path, &records))?;
+        Ok(Done { was_there: false, is_unreadable: has_scene_row(&records) })
+    }
+
+    fn description(
+        &self,
+        identity: &str,
+        command: &str,
+        unreadable: Vec<String>,
+    ) -> RunDescription {
         let Plan { shots, corner_rule, .. } = self.plan;
         RunDescription {
             cornerbench_version: env!("CARGO_PKG_VERSION").to_owned(),
@@ -207,6 +230,7 @@ impl<'a> Run<'a> {
             suite: self.dataset.suite().to_owned(),
             scenes: self.scenes.iter().map(|&name| name.to_owned()).collect(),
             shard: self.shard.map(|shard| shard.to_string()),
+            unreadable,
             identity_sha256: identity.to_owned(),
             range_sensor_model: self.plan.range_sensor_model.clone(),
             range_sensor: self.plan.range_sensor.clone(),

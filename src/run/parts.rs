@@ -9,7 +9,6 @@ use serde::{Deserialize, Serialize};
 use super::Shard;
 use crate::error::{Error, Result};
 use crate::files::write_json;
-use crate::record::{kind, read_records};
 
 /// Says what a folder of parts is of.
 const MANIFEST: &str = "unfinished.json";
@@ -91,15 +90,6 @@ impl Parts {
         }
         Ok(())
     }
-}
-
-/// How many of these parts have a row that says that a scene could not be read.
-pub(super) fn unreadable(paths: &[PathBuf]) -> Result<usize> {
-    let mut count = 0;
-    for path in paths {
-        count += usize::from(read_records(path)?.iter().any(|record| record.kind == kind::SCENE));
-    }
-    Ok(count)
 }
 
 fn program() -> String {
