@@ -13,6 +13,7 @@ use parquet::file::properties::WriterProperties;
 use parquet::file::reader::{FileReader, SerializedFileReader};
 use parquet::file::writer::SerializedFileWriter;
 use parquet::record::RecordWriter;
+use parquet::schema::types::Type;
 use parquet_derive::ParquetRecordWriter;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -22,7 +23,7 @@ use crate::geometry::ImagePoint;
 use crate::sensor::{CameraModel, RangeSensor};
 
 /// Version of the columns.
-pub const RECORD_VERSION: i32 = 4;
+pub const RECORD_VERSION: i32 = 5;
 
 /// What a row is about: the words of column `kind`.
 pub mod kind {
@@ -80,7 +81,7 @@ pub mod status {
 
 /// One row: a scene, an exposure, a method, and a corner, a false corner, a false junction or a grasp.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, ParquetRecordWriter)]
-#[serde(deny_unknown_fields)]
+#[serde(default, deny_unknown_fields)]
 pub struct Record {
     /// [`RECORD_VERSION`].
     pub record_version: i32,
@@ -100,6 +101,26 @@ pub struct Record {
     pub split: Option<String>,
     /// Name of the camera model.
     pub camera: String,
+    /// Of drawn junctions their cell: the kind and all that differs in the plan; `scene` is a block of them.
+    pub cell: Option<String>,
+    /// What drawn junctions are of: "grey" or "red".
+    pub surface: Option<String>,
+    /// Blur that the cell has instead of the camera's: standard deviation of a Gaussian \[px\].
+    pub gaussian_sigma_px: Option<f64>,
+    /// The same: radius of the disc of a point out of focus \[px\].
+    pub defocus_radius_px: Option<f64>,
+    /// The same: radius of the first dark ring of the diffraction pattern \[px\].
+    pub airy_radius_px: Option<f64>,
+    /// The same: length of a uniform straight motion \[px\].
+    pub motion_length_px: Option<f64>,
+    /// The largest difference of a drawn junction's levels over the read noise.
+    pub contrast_over_noise: Option<f64>,
+    /// How much brighter each of its sectors becomes, as a share of that difference \[1/px\].
+    pub ramp_per_px: Option<f64>,
+    /// How far along its first edge another corner is \[px\].
+    pub neighbour_px: Option<f64>,
+    /// Radius of the circle that rounds it \[px\].
+    pub rounding_px: Option<f64>,
     /// Which of the camera's photographs of the scene: phase by phase, at each the repeats.
     pub exposure: Option<i32>,
     /// Where in the film's image the centre of pixel (0, 0) is \[px\].
@@ -309,26 +330,69 @@ pub fn join_records<'a>(
 /// # Errors
 /// When the file is missing, not Parquet, or its columns are another version's.
 pub fn read_records(path: &Path) -> Result<Vec<Record>> {
-    let file = File::open(path).map_err(Error::io(path, "read"))?;
-    let failed = |error| Error::malformed(path, error);
-    let reader = SerializedFileReader::new(file).map_err(failed)?;
+    let file = RecordFile::open(path)?;
     let mut records = Vec::new();
-    for row in reader.get_row_iter(None).map_err(failed)? {
-        let row = row.map_err(failed)?.to_json_value();
-        records.push(
-            serde_json::from_value::<Record>(row).map_err(|error| {
-                Error::malformed(path, format!("row {}: {error}", records.len()))
-            })?,
-        );
-    }
-    if let Some(other) = records.iter().find(|record| record.record_version != RECORD_VERSION) {
-        let problem = format!(
-            "records of version {}, this program reads {RECORD_VERSION}; measure again",
-            other.record_version
-        );
-        return Err(Error::malformed(path, problem));
+    for group in 0..file.groups() {
+        records.append(&mut file.read(group, &[])?);
     }
     Ok(records)
+}
+
+/// A Parquet file of records, to be read group by group.
+pub struct RecordFile {
+    path: PathBuf,
+    reader: SerializedFileReader<File>,
+}
+
+impl RecordFile {
+    /// Opens it.
+    ///
+    /// # Errors
+    /// When the file is missing or not Parquet.
+    pub fn open(path: &Path) -> Result<Self> {
+        let file = File::open(path).map_err(Error::io(path, "read"))?;
+        let reader =
+            SerializedFileReader::new(file).map_err(|error| Error::malformed(path, error))?;
+        Ok(Self { path: path.to_owned(), reader })
+    }
+
+    /// How many groups of rows it has: one of each scene, or of each cell of drawn junctions and camera.
+    pub fn groups(&self) -> usize {
+        self.reader.num_row_groups()
+    }
+
+    /// Reads a group: the columns that are named, `record_version` among them, or all where none is. Of those that are
+    /// not read records have nothing.
+    ///
+    /// # Errors
+    /// When the group cannot be read, or its columns are another version's.
+    pub fn read(&self, group: usize, columns: &[&str]) -> Result<Vec<Record>> {
+        let failed = |error| Error::malformed(&self.path, error);
+        let schema = self.reader.metadata().file_metadata().schema();
+        let wanted = (!columns.is_empty()).then(|| {
+            let fields = schema.get_fields().iter();
+            let fields = fields.filter(|field| columns.contains(&field.name())).cloned();
+            Type::group_type_builder(schema.name()).with_fields(fields.collect()).build()
+        });
+        let wanted = wanted.transpose().map_err(failed)?;
+        let group = self.reader.get_row_group(group).map_err(failed)?;
+        let mut records = Vec::new();
+        for row in group.get_row_iter(wanted).map_err(failed)? {
+            let row = row.map_err(failed)?.to_json_value();
+            let version = row.get("record_version").and_then(serde_json::Value::as_i64);
+            if version != Some(RECORD_VERSION.into()) {
+                let found = version.map_or_else(|| "none".to_owned(), |found| found.to_string());
+                let problem = format!(
+                    "records of version {found}, this program reads {RECORD_VERSION}; measure again"
+                );
+                return Err(Error::malformed(&self.path, problem));
+            }
+            records.push(serde_json::from_value::<Record>(row).map_err(|error| {
+                Error::malformed(&self.path, format!("row {}: {error}", records.len()))
+            })?);
+        }
+        Ok(records)
+    }
 }
 
 /// How a run came about; stands in RUN/run.json.
@@ -346,9 +410,12 @@ pub struct RunDescription {
     pub phases: u32,
     /// Photographs at each.
     pub repeats: u32,
-    /// The suite that was measured.
+    /// Of drawn junctions the cells, each with all that sets it apart.
+    pub cells: Vec<serde_json::Value>,
+    /// The suite that was measured; "drawn".
     pub suite: String,
-    /// Its scenes, or those of one split, in the order of the records; of a shard too, which has only some.
+    /// Its scenes, or those of one split, in the order of the records; of drawn junctions the cells, each by a camera.
+    /// Of a shard too, which has only some.
     pub scenes: Vec<String>,
     /// Which of them were measured, where not all: every N-th from number I, "I/N".
     pub shard: Option<String>,

@@ -1,13 +1,12 @@
 //! `cornerbench measure`: a plan over a dataset.
 
 use std::path::{Path, PathBuf};
-use std::time::Duration;
 
 use indicatif::HumanDuration;
 
 use super::progress::counting;
 use super::{Ended, Global, command_line, print, print_line, project};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::plan::Plan;
 use crate::report::{self, terminal};
 use crate::run::{Choice, Outcome, Run, Shard};
@@ -18,9 +17,8 @@ use crate::sensor::Photographer;
 pub(super) struct Options {
     /// The plan; `cornerbench list plans` names them.
     plan: String,
-    /// The dataset's folder.
-    #[arg(default_value = "out/quick/dataset")]
-    dataset: PathBuf,
+    /// The dataset's folder, out/quick/dataset where none is given; of a plan that draws its junctions none.
+    dataset: Option<PathBuf>,
     /// Only the scenes of one split, dev or test.
     #[arg(long)]
     split: Option<SplitName>,
@@ -42,36 +40,55 @@ enum SplitName {
 }
 
 pub(super) fn run(global: &Global, options: &Options) -> Result<Ended> {
-    let dataset = Dataset::open(&options.dataset)?;
+    let plan = Plan::read(&project::recipes(global)?, &options.plan)?;
     let split = options.split.map(|name| match name {
         SplitName::Dev => Split::Dev,
         SplitName::Test => Split::Test,
     });
-    let choice = Choice { split, shard: options.shard };
+    let dataset = match (&options.dataset, plan.cells.is_empty()) {
+        (given, true) => {
+            let folder = given.clone().unwrap_or_else(|| PathBuf::from("out/quick/dataset"));
+            Some(Dataset::open(&folder)?)
+        }
+        (None, false) if split.is_none() => None,
+        (..) => {
+            return Err(Error::Other(format!(
+                "plan {}: draws its junctions, which are no dataset and have no split; leave out both",
+                plan.name
+            )));
+        }
+    };
+    let run = match &dataset {
+        Some(dataset) => Run::new(&plan, dataset, Choice { split, shard: options.shard }),
+        None => Run::of_drawn(&plan, options.shard),
+    };
     if options.list {
-        return list(global, &options.plan, &dataset, choice);
+        return list(global, &plan, &run);
     }
+    let suite = dataset.as_ref().map_or(String::new(), |dataset| format!("-{}", dataset.suite()));
     let output = options.output.clone().unwrap_or_else(|| {
         let split = split.map_or(String::new(), |split| format!("-{}", split.name()));
         let shard = options
             .shard
             .map_or(String::new(), |Shard { first, count }| format!("-{first}of{count}"));
-        PathBuf::from("out").join(format!("{}-{}{split}{shard}", options.plan, dataset.suite()))
+        PathBuf::from("out").join(format!("{}{suite}{split}{shard}", options.plan))
     });
-    measure(global, &options.plan, &dataset, choice, &output)
+    measure(global, &run, &output, options.shard.is_some())
 }
 
-/// Measures, reports, and prints the table.
-pub(super) fn measure(
+/// Measures all scenes of a dataset by a plan, reports, and prints the table.
+pub(super) fn measure_all(
     global: &Global,
     plan: &str,
     dataset: &Dataset,
-    choice: Choice,
     output: &Path,
 ) -> Result<Ended> {
     let plan = Plan::read(&project::recipes(global)?, plan)?;
-    let run = Run::new(&plan, dataset, choice);
-    let bar = counting(global, run.own().len());
+    measure(global, &Run::new(&plan, dataset, Choice::default()), output, false)
+}
+
+fn measure(global: &Global, run: &Run, output: &Path, is_shard: bool) -> Result<Ended> {
+    let bar = counting(global, run.len());
     let outcome = run.measure(output, &command_line(), &|_| bar.inc(1));
     bar.finish_and_clear();
     let outcome = outcome?;
@@ -79,7 +96,7 @@ pub(super) fn measure(
         let all = outcome.scenes + outcome.unreadable;
         global.say(format!("{} of {all} scenes had been measured already", outcome.resumed));
     }
-    if choice.shard.is_some() {
+    if is_shard {
         global.say(format!(
             "{}: a shard; cornerbench merge SHARD... -o RUN makes all of them one run",
             output.display()
@@ -91,54 +108,52 @@ pub(super) fn measure(
 
 /// Reports on a run, and prints the table.
 pub(super) fn show(global: &Global, output: &Path, outcome: Outcome) -> Result<Ended> {
-    let (summary, page) = report::write(output)?;
+    let report = report::write(output)?;
     if global.json {
-        print_line(serde_json::json!(summary))?;
+        print_line(report.json())?;
     } else {
-        print(terminal::tables(&summary))?;
-        print_line(format_args!("open {}", page.display()))?;
+        print(terminal::tables(&report))?;
+        print_line(format_args!("open {}", report.page.display()))?;
     }
     Ok(if outcome.unreadable == 0 { Ended::Well } else { Ended::Partly })
 }
 
 /// Says what would be measured.
-fn list(global: &Global, plan: &str, dataset: &Dataset, choice: Choice) -> Result<Ended> {
-    let plan = Plan::read(&project::recipes(global)?, plan)?;
-    let extent = Run::new(&plan, dataset, choice).extent();
+fn list(global: &Global, plan: &Plan, run: &Run) -> Result<Ended> {
+    let extent = run.extent();
     let threads = rayon::current_num_threads();
-    let left_s = extent.one_scene.map(|one| {
-        // With fewer scenes than threads some have nothing to do.
-        one.as_secs_f64() * extent.scenes.div_ceil(threads) as f64
-    });
     let cameras: Vec<&str> = plan.cameras.iter().map(Photographer::name).collect();
     let methods: Vec<&str> = plan.pipelines.iter().map(|one| one.name.as_str()).collect();
+    let cells: Vec<&str> = plan.cells.iter().map(|cell| cell.name.as_str()).collect();
     if global.json {
         print_line(serde_json::json!({
             "scenes": extent.scenes,
+            "cells": cells,
             "cameras": cameras,
-            "exposures_per_scene": extent.exposures,
+            "exposures": extent.exposures,
             "methods": methods,
             "one_scene_s": extent.one_scene.map(|one| one.as_secs_f64()),
-            "expected_s": left_s,
+            "expected_s": extent.expected.map(|expected| expected.as_secs_f64()),
         }))?;
         return Ok(Ended::Well);
     }
-    for method in &methods {
-        print_line(method)?;
+    for line in methods.iter().chain(&cells) {
+        print_line(line)?;
     }
+    let unit = if cells.is_empty() { "scene" } else { "cell" };
     print_line(format_args!(
-        "{} methods on {} photographs of each of {} scenes ({})",
+        "{} methods on {} photographs of {} {unit}s ({})",
         methods.len(),
         extent.exposures,
         extent.scenes,
         cameras.join(", "),
     ))?;
-    let about = left_s.and_then(|seconds| Duration::try_from_secs_f64(seconds).ok());
-    if let Some(about) = about {
-        let one_s = extent.one_scene.unwrap_or_default().as_secs_f64();
+    if let Some((one, expected)) = extent.one_scene.zip(extent.expected) {
+        let by = if cells.is_empty() { " on one" } else { "" };
         print_line(format_args!(
-            "about {} on {threads} threads (the first scene takes {one_s:.1} s on one)",
-            HumanDuration(about)
+            "about {} on {threads} threads (the first {unit} takes {:.1} s{by})",
+            HumanDuration(expected),
+            one.as_secs_f64()
         ))?;
     }
     Ok(Ended::Well)

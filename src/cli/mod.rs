@@ -6,7 +6,6 @@ mod estimate;
 mod export;
 mod expose;
 mod interrupt;
-mod limits;
 mod list;
 mod locate;
 mod measure;
@@ -74,7 +73,7 @@ enum Command {
     Setup(setup::Options),
     /// Render the scenes of a suite that are missing or whose recipe changed.
     Render(render::Options),
-    /// Run a plan's pipelines over a rendered dataset and score them against truth.
+    /// Run a plan's pipelines over a rendered dataset, or over junctions that it draws, and score them against truth.
     Measure(measure::Options),
     /// Make the shards of a run one: the same records as an unsharded run has, byte for byte.
     Merge(merge::Options),
@@ -90,8 +89,6 @@ enum Command {
     Export(export::Options),
     /// Refine points of, or find corners in, a picture of one's own.
     Locate(locate::Options),
-    /// Measure every refiner on drawn corners by the thousand, beside the Cramér-Rao bound.
-    Limits(limits::Options),
     /// List what can be named: suites, families, plans, cameras, range sensors, algorithms.
     List(list::Options),
     /// Write the JSON Schemas by which editors complete and check the recipes.
@@ -142,7 +139,6 @@ fn run(arguments: &Arguments) -> Result<Ended> {
         Command::Expose(options) => expose::run(global, options),
         Command::Export(options) => export::run(global, options),
         Command::Locate(options) => locate::run(global, options),
-        Command::Limits(options) => limits::run(global, options),
         Command::List(options) => list::run(global, options),
         Command::Schemas(options) => schemas::run(global, options),
     }

@@ -1,9 +1,8 @@
 //! `cornerbench quickstart`: from a clone to a first table.
 
-use super::measure::measure;
+use super::measure::measure_all;
 use super::{Ended, Global, default_output, render};
 use crate::error::Result;
-use crate::run::Choice;
 use crate::scene::Dataset;
 
 const SUITE: &str = "quick";
@@ -19,6 +18,6 @@ pub(super) fn run(global: &Global, _: &Options) -> Result<Ended> {
     if rendered == Ended::Interrupted {
         return Ok(rendered);
     }
-    let measured = measure(global, PLAN, &Dataset::open(&folder)?, Choice::default(), &output)?;
+    let measured = measure_all(global, PLAN, &Dataset::open(&folder)?, &output)?;
     Ok(if rendered == Ended::Well { measured } else { rendered })
 }

@@ -11,15 +11,22 @@ pub(super) struct Options {
     /// The run's folder.
     #[arg(default_value = "out/quick")]
     run: PathBuf,
+    /// A Markdown file to put the run's tables into: between `<!-- results of PLAN: TABLE -->` and `<!-- end of results
+    /// -->`.
+    #[arg(long, value_name = "FILE")]
+    into: Option<PathBuf>,
 }
 
 pub(super) fn run(global: &Global, options: &Options) -> Result<Ended> {
-    let (summary, page) = report::write(&options.run)?;
+    let report = report::write(&options.run)?;
+    if let Some(path) = &options.into {
+        report.splice(path)?;
+    }
     if global.json {
-        print_line(serde_json::json!(summary))?;
+        print_line(report.json())?;
     } else {
-        print(terminal::tables(&summary))?;
-        print_line(format_args!("open {}", page.display()))?;
+        print(terminal::tables(&report))?;
+        print_line(format_args!("open {}", report.page.display()))?;
     }
     Ok(Ended::Well)
 }

@@ -104,23 +104,50 @@ fn is_first(labels: &[String], name: &str) -> bool {
     labels.first().is_some_and(|label| label == name)
 }
 
-/// Each value of one key with each of the others; the algorithm first.
+/// Each value of one key of a table with each of the others, and the words that tell them apart; `first` is the key
+/// that comes first and whose value needs no name.
+///
+/// # Errors
+/// When these are more than ten thousand.
+pub(super) fn values(place: &str, table: &Table, first: &str) -> Result<Vec<(Vec<String>, Table)>> {
+    let counts = table.values().map(|value| value.as_array().map_or(1, Vec::len));
+    if counts.fold(1, usize::saturating_mul) > MOST {
+        return Err(Error::Other(format!(
+            "{place}: stands for more than {MOST} combinations; give fewer values, or divide it \
+             into several plans"
+        )));
+    }
+    Ok(combinations(table, first, &[])
+        .into_iter()
+        .map(|Alternative { labels, table }| (labels, table))
+        .collect())
+}
+
+/// Each value of one key with each of the others.
 fn of_table(table: &Table, names: &[&str]) -> Vec<Choice> {
+    combinations(table, "algorithm", names)
+        .into_iter()
+        .map(|Alternative { labels, table }| Choice { labels, value: Value::Table(table) })
+        .collect()
+}
+
+/// The key `lead` first; its value "all" is each of `names`.
+fn combinations(table: &Table, lead: &str, names: &[&str]) -> Vec<Alternative> {
     let mut found = vec![Alternative::default()];
-    let algorithm = table.get_key_value("algorithm");
-    let others = table.iter().filter(|(key, _)| *key != "algorithm");
-    for (key, value) in algorithm.into_iter().chain(others) {
+    let first = table.get_key_value(lead);
+    let others = table.iter().filter(|(key, _)| *key != lead);
+    for (key, value) in first.into_iter().chain(others) {
         let every: Vec<Value> = names.iter().map(|name| Value::from(*name)).collect();
         let (values, is_choice) = match value {
             Value::Array(values) => (values.clone(), true),
-            Value::String(all) if key == "algorithm" && all == "all" => (every, true),
+            Value::String(all) if key == lead && all == "all" => (every, true),
             one => (vec![one.clone()], false),
         };
         let with = |before: &Alternative, value: &Value| {
             let mut next = before.clone();
             if is_choice {
                 let shown = value.as_str().map_or_else(|| value.to_string(), str::to_owned);
-                let is_name = key == "algorithm";
+                let is_name = key == lead;
                 next.labels.push(if is_name { shown } else { format!("{key}={shown}") });
             }
             next.table.insert(key.clone(), value.clone());
@@ -132,9 +159,6 @@ fn of_table(table: &Table, names: &[&str]) -> Vec<Choice> {
             .collect();
     }
     found
-        .into_iter()
-        .map(|Alternative { labels, table }| Choice { labels, value: Value::Table(table) })
-        .collect()
 }
 
 #[cfg(test)]

@@ -1,11 +1,13 @@
 //! What to measure: cameras and pipelines, each a chain of named algorithms with parameters.
 
 mod alternatives;
+mod drawn;
+mod file;
+mod recipes;
 
-use std::fs;
 use std::path::Path;
 
-use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
+use schemars::Schema;
 use serde::{Deserialize, Serialize};
 use toml::Table;
 
@@ -15,8 +17,13 @@ use crate::grasp::{ESTIMATORS, FaceSelector, GraspEstimator, SELECTORS};
 use crate::metrics::CornerRule;
 use crate::refine::{REFINERS, Refiner};
 use crate::registry::{self, Entry};
-use crate::sensor::{CameraModel, Photographer, RangeSensor};
+use crate::sensor::{Photographer, RangeSensor};
 use crate::target::{EXTRACTORS, TargetExtractor};
+
+use file::{Names, PipelineFile, PlanFile, SeedsFile};
+
+pub use drawn::{Cell, Factors, Kind, Surface};
+pub use recipes::{read_camera, read_range_sensor, read_table, recipe_names};
 
 /// What to measure, read and checked.
 pub struct Plan {
@@ -26,6 +33,8 @@ pub struct Plan {
     pub summary: String,
     /// The cameras, each with its name.
     pub cameras: Vec<Photographer>,
+    /// Junctions to draw instead of a rendered dataset, if there are any.
+    pub cells: Vec<Cell>,
     /// How each of them photographs a scene.
     pub shots: Shots,
     /// Name of the range sensor.
@@ -130,180 +139,6 @@ impl<T: ?Sized> Stage<T> {
     }
 }
 
-/// What to measure: a camera and pipelines.
-#[derive(Serialize, Deserialize, JsonSchema)]
-#[serde(default)]
-#[schemars(title = "Plan", extend("required" = ["pipelines"]))]
-struct PlanFile {
-    /// One line for `cornerbench list`.
-    summary: String,
-    /// Files of the folder `cameras`: one, or a list.
-    camera: Names,
-    /// Places of the pixels' grid on the image: the first as rendered, the others evenly spread.
-    #[schemars(range(min = 1, max = 65536))]
-    phases: u32,
-    /// Photographs at each phase, every one with noise of its own.
-    #[schemars(range(min = 1, max = 100_000))]
-    repeats: u32,
-    /// A file of the folder `range-sensors`.
-    range_sensor: String,
-    /// How far a detection may lie from the corner it is matched to \[px\].
-    #[schemars(range(min = 0.01, max = 100.0))]
-    gate_px: f64,
-    /// How far two edges of a corner must be seen from it for it to be asked for \[px\].
-    #[schemars(range(min = 0.0, max = 1000.0))]
-    least_edge_px: f64,
-    /// The largest bound on a corner's place with which it is asked for \[px\].
-    #[schemars(range(min = 0.0, max = 1000.0))]
-    most_bound_px: f64,
-    /// Chains of algorithms, each measured by itself. Where one of them gives several values, each combination is
-    /// a pipeline of its own.
-    #[schemars(with = "Vec<PipelineFile>", length(min = 1))]
-    pipelines: Vec<Table>,
-}
-
-/// A name, or several.
-#[derive(Serialize, Deserialize, JsonSchema)]
-#[serde(untagged)]
-enum Names {
-    One(String),
-    Several(Vec<String>),
-}
-
-impl Default for PlanFile {
-    fn default() -> Self {
-        Self {
-            summary: String::new(),
-            camera: Names::One("ideal".into()),
-            phases: 1,
-            repeats: 1,
-            range_sensor: "ideal".into(),
-            gate_px: 5.0,
-            least_edge_px: 3.0,
-            most_bound_px: 0.5,
-            pipelines: Vec::new(),
-        }
-    }
-}
-
-/// A chain of algorithms from an exposure to corners, and perhaps on to a grasp.
-#[derive(Default, Serialize, Deserialize, JsonSchema)]
-#[serde(default)]
-#[schemars(title = "Pipeline")]
-struct PipelineFile {
-    /// Column `method` of the records, with what was chosen behind it; that alone where there is no name.
-    #[schemars(regex(pattern = r"^[a-z0-9_-]+$"))]
-    name: String,
-    /// Instead of `detect`: about each corner that is asked for; the refiner alone is judged.
-    #[schemars(schema_with = "seeds_schema")]
-    seeds: Option<Table>,
-    /// Exposure to target region; without it the whole image is searched.
-    #[schemars(schema_with = "target_schema")]
-    target: Option<Table>,
-    /// Region to corner candidates.
-    #[schemars(schema_with = "detect_schema")]
-    detect: Option<Table>,
-    /// Candidates to corners; without it they stay where they are.
-    #[schemars(schema_with = "refine_schema")]
-    refine: Option<Table>,
-    /// Corners to the face to grasp; with `grasp`, or neither.
-    #[schemars(schema_with = "face_schema")]
-    face: Option<Table>,
-    /// Face to grasp point.
-    #[schemars(schema_with = "grasp_schema")]
-    grasp: Option<Table>,
-}
-
-/// Where seeds are.
-#[derive(Default, Serialize, Deserialize, JsonSchema)]
-#[serde(default)]
-struct SeedsFile {
-    /// Radius of the disc about the corner in which they are, evenly spread \[px\].
-    #[schemars(range(min = 0.0, max = 100.0))]
-    disc_px: f64,
-}
-
-fn seeds_schema(_: &mut SchemaGenerator) -> Schema {
-    let mut schema = registry::schema::<SeedsFile>();
-    if let Some(properties) = schema.get_mut("properties").and_then(|value| value.as_object_mut()) {
-        properties.values_mut().for_each(allow_several);
-    }
-    schema
-}
-
-/// A schema that a value or a list of values keeps to.
-fn allow_several(one: &mut serde_json::Value) {
-    let several = serde_json::json!({ "type": "array", "items": one.clone(), "minItems": 1 });
-    *one = serde_json::json!({ "anyOf": [one.clone(), several] });
-}
-
-fn target_schema(generator: &mut SchemaGenerator) -> Schema {
-    stage_schema(generator, "Target", EXTRACTORS)
-}
-
-fn detect_schema(generator: &mut SchemaGenerator) -> Schema {
-    stage_schema(generator, "Detect", DETECTORS)
-}
-
-fn refine_schema(generator: &mut SchemaGenerator) -> Schema {
-    stage_schema(generator, "Refine", REFINERS)
-}
-
-fn face_schema(generator: &mut SchemaGenerator) -> Schema {
-    stage_schema(generator, "Face", SELECTORS)
-}
-
-fn grasp_schema(generator: &mut SchemaGenerator) -> Schema {
-    stage_schema(generator, "Grasp", ESTIMATORS)
-}
-
-/// The schema of a stage: a table with the name of one of its algorithms and that one's parameters, each a value
-/// or several; or a name alone; or a list of these.
-fn stage_schema<T: ?Sized>(
-    generator: &mut SchemaGenerator,
-    stage: &str,
-    entries: &[Entry<T>],
-) -> Schema {
-    let names: Vec<&str> = entries.iter().map(|entry| entry.name).chain(["all"]).collect();
-    let of_entry = |entry: &Entry<T>| {
-        let parameters = (entry.schema)();
-        let mut properties = json_schema!({
-            "algorithm": { "const": entry.name, "description": entry.summary },
-        });
-        let own = parameters.get("properties").and_then(|keys| keys.as_object());
-        let mut own = own.cloned().unwrap_or_default();
-        own.values_mut().for_each(allow_several);
-        properties.ensure_object().extend(own);
-        json_schema!({
-            "type": "object",
-            "title": entry.name,
-            "description": entry.summary,
-            "properties": properties,
-            "required": ["algorithm"],
-        })
-    };
-    let of_several = json_schema!({
-        "type": "object",
-        "title": "several algorithms",
-        "properties": {
-            "algorithm": {
-                "anyOf": [{ "const": "all" }, { "type": "array", "items": { "enum": names } }],
-            },
-        },
-        "required": ["algorithm"],
-    });
-    let name = json_schema!({ "enum": names });
-    let mut one: Vec<Schema> = entries.iter().map(of_entry).collect();
-    one.extend([of_several, name]);
-    // Said once, for one of them and for a list.
-    let place = format!("#/$defs/{stage}");
-    generator.definitions_mut().insert(stage.to_owned(), serde_json::json!({ "anyOf": one }));
-    json_schema!({ "anyOf": [
-        { "$ref": place },
-        { "type": "array", "items": { "$ref": place }, "minItems": 1 },
-    ] })
-}
-
 impl Plan {
     /// The JSON Schema of `plans/NAME.toml`.
     pub fn schema() -> Schema {
@@ -337,12 +172,18 @@ impl Plan {
         if pipelines.is_empty() {
             return Err(Error::Other(format!("{place}: no pipelines; add a [[pipelines]] table")));
         }
+        let cells = drawn::cells(&place, &file.drawn)?;
+        if !cells.is_empty() {
+            check_drawn(&place, &pipelines)?;
+        }
+        refuse_twice(&place, "cells", cells.iter().map(|one| one.name.as_str()))?;
         refuse_twice(&place, "pipelines", pipelines.iter().map(|one| one.name.as_str()))?;
         refuse_twice(&place, "cameras", cameras.iter().map(Photographer::name))?;
         Ok(Self {
             name: name.to_owned(),
             summary: file.summary,
             cameras,
+            cells,
             shots: Shots { phases: file.phases, repeats: file.repeats },
             range_sensor: file.range_sensor,
             range_sensor_model,
@@ -353,6 +194,18 @@ impl Plan {
             },
             pipelines,
         })
+    }
+}
+
+/// Refuses pipelines that drawn junctions have nothing for.
+fn check_drawn(place: &str, pipelines: &[Pipeline]) -> Result<()> {
+    match pipelines.iter().find(|one| one.seeds.target().is_some() || one.grasp.is_some()) {
+        Some(pipeline) => Err(Error::Other(format!(
+            "{place}: pipeline {:?} has a target or a grasp, and drawn junctions are no targets; leave \
+             out `target`, `face` and `grasp`",
+            pipeline.name
+        ))),
+        None => Ok(()),
     }
 }
 
@@ -484,63 +337,4 @@ fn stage<T: ?Sized>(
     let mut parameters = (entry.defaults)();
     parameters.extend(table);
     Ok(Stage { name: entry.name, version: entry.version, parameters, algorithm })
-}
-
-/// Reads `cameras/NAME.toml` in the folder of recipes, and the files it names.
-///
-/// # Errors
-/// For an unknown name or key, or a value out of range: with file, key, found, allowed.
-pub fn read_camera(recipes: &Path, name: &str) -> Result<Photographer> {
-    let (place, table) = read_table(recipes, "cameras", name)?;
-    let model: CameraModel = registry::parameters(&place, &table)?;
-    model.check(&place)?;
-    let psf = model.read_psf(&recipes.join("cameras"))?;
-    Ok(Photographer::new(name, &model, psf.as_ref()))
-}
-
-/// Reads `range-sensors/NAME.toml` in the folder of recipes.
-///
-/// # Errors
-/// For an unknown name or key, or a value out of range: with file, key, found, allowed.
-pub fn read_range_sensor(recipes: &Path, name: &str) -> Result<RangeSensor> {
-    let (place, table) = read_table(recipes, "range-sensors", name)?;
-    let sensor: RangeSensor = registry::parameters(&place, &table)?;
-    sensor.check(&place)?;
-    Ok(sensor)
-}
-
-/// The names of the recipes in a folder, sorted.
-pub fn recipe_names(recipes: &Path, folder: &str) -> Vec<String> {
-    let mut names: Vec<String> = fs::read_dir(recipes.join(folder))
-        .into_iter()
-        .flatten()
-        .flatten()
-        .map(|entry| entry.path())
-        .filter(|path| path.extension().is_some_and(|extension| extension == "toml"))
-        .filter_map(|path| Some(path.file_stem()?.to_str()?.to_owned()))
-        .collect();
-    names.sort();
-    names
-}
-
-/// The table of one recipe file, and the words that name the file in messages.
-///
-/// # Errors
-/// For an unknown name, or a file that is not TOML.
-pub fn read_table(recipes: &Path, folder: &str, name: &str) -> Result<(String, Table)> {
-    let known = recipe_names(recipes, folder);
-    if !known.iter().any(|one| one == name) {
-        return Err(Error::UnknownName {
-            place: recipes.join(folder).display().to_string(),
-            kind: folder.trim_end_matches('s').replace('-', " "),
-            found: name.to_owned(),
-            known,
-        });
-    }
-    let path = recipes.join(folder).join(format!("{name}.toml"));
-    let text = fs::read_to_string(&path).map_err(Error::io(&path, "read"))?;
-    let table = text
-        .parse()
-        .map_err(|error: toml::de::Error| Error::malformed(&path, error.to_string()))?;
-    Ok((path.display().to_string(), table))
 }

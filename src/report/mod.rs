@@ -4,9 +4,11 @@ pub mod compare;
 pub mod contest;
 mod curves;
 pub mod detection;
+pub mod drawn;
 mod figures;
 mod misses;
 pub mod refinement;
+mod splice;
 pub mod summary;
 mod svg;
 pub mod terminal;
@@ -21,17 +23,78 @@ use serde_json::json;
 
 use crate::error::{Error, Result};
 use crate::files::{replace_folder, write_json, write_whole};
-use crate::record::{Record, kind, read_records, read_run, read_sketch};
+use crate::record::{Record, RunDescription, kind, read_records, read_run, read_sketch};
+use crate::report::drawn::DrawnSummary;
 use crate::report::summary::{MethodSummary, Summary, summarise};
+use crate::report::words::Words;
 
-/// Writes summary.json and report/ of the run in `folder`, from its records and pictures, and
-/// returns the summary and the page.
+/// A run's report.
+pub struct Report {
+    /// How the run came about.
+    pub run: RunDescription,
+    /// What its records say.
+    pub content: Content,
+    /// The page.
+    pub page: PathBuf,
+}
+
+/// What a run's records say.
+pub enum Content {
+    /// Of a rendered dataset.
+    Rendered(Box<Summary>),
+    /// Of drawn junctions.
+    Drawn(DrawnSummary),
+}
+
+impl Report {
+    /// What stands in summary.json.
+    pub fn json(&self) -> serde_json::Value {
+        match &self.content {
+            Content::Rendered(summary) => json!(summary),
+            Content::Drawn(summary) => json!(summary),
+        }
+    }
+
+    /// The tables by name, as [`splice`](Self::splice) knows them.
+    fn tables(&self) -> Vec<(&'static str, Words)> {
+        match &self.content {
+            Content::Rendered(summary) => [
+                Some(("detectors", words::comparison(summary))),
+                words::refinement(summary).map(|words| ("refiners", words)),
+            ]
+            .into_iter()
+            .flatten()
+            .collect(),
+            Content::Drawn(summary) => {
+                let cells = words::joined(drawn::words::cells(summary));
+                let locks = drawn::words::locks(summary).map(|words| ("phases", words));
+                let known = [("cells", cells), ("methods", drawn::words::methods(summary))];
+                known.into_iter().chain(locks).collect()
+            }
+        }
+    }
+
+    /// Puts the run's tables into a Markdown file, with the command that made them: between each
+    /// `<!-- results of PLAN: TABLE -->` of this run's plan and the `<!-- end of results -->` behind it.
+    ///
+    /// # Errors
+    /// When the file has no such marks, names a table that this run has not, or cannot be read or written.
+    pub fn splice(&self, path: &Path) -> Result<()> {
+        splice::splice(path, &self.run, &self.tables())
+    }
+}
+
+/// Writes summary.json and report/ of the run in `folder`, from its records and pictures.
 ///
 /// # Errors
 /// When the run's files are missing or the report cannot be written.
-pub fn write(folder: &Path) -> Result<(Summary, PathBuf)> {
-    let records = read_records(&folder.join("records.parquet"))?;
+pub fn write(folder: &Path) -> Result<Report> {
     let run = read_run(folder)?;
+    if !run.cells.is_empty() {
+        let (summary, page) = drawn::write(folder, &run)?;
+        return Ok(Report { run, content: Content::Drawn(summary), page });
+    }
+    let records = read_records(&folder.join("records.parquet"))?;
     let summary = summarise(&records);
     write_json(&folder.join("summary.json"), &summary)?;
 
@@ -123,7 +186,7 @@ pub fn write(folder: &Path) -> Result<(Summary, PathBuf)> {
         .map_err(|error| Error::Other(format!("the report's template: {error:#}")))?;
     let path = report.join("index.html");
     write_text(&path, &page)?;
-    Ok((summary, path))
+    Ok(Report { run, content: Content::Rendered(Box::new(summary)), page: path })
 }
 
 fn write_text(path: &Path, text: &str) -> Result<()> {

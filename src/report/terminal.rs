@@ -2,11 +2,33 @@
 
 use comfy_table::{Cell, CellAlignment, ContentArrangement, LineStyle, Table, TableStyle, presets};
 
+use crate::report::drawn::{DrawnSummary, words as drawn};
 use crate::report::summary::{GraspSummary, MethodSummary, Summary};
 use crate::report::words::{self, Words};
+use crate::report::{Content, Report};
 
 /// The summary as text; its tables fit the terminal, where standard output is one.
-pub fn tables(summary: &Summary) -> String {
+pub fn tables(report: &Report) -> String {
+    match &report.content {
+        Content::Rendered(summary) => of_rendered(summary),
+        Content::Drawn(summary) => of_drawn(summary),
+    }
+}
+
+fn of_drawn(summary: &DrawnSummary) -> String {
+    let mut text = String::new();
+    for cells in drawn::cells(summary) {
+        text.push_str(&format!("{}\n", table_of(&cells)));
+    }
+    text.push_str(&format!("{}\n", drawn::CELLS));
+    if let Some(locks) = drawn::locks(summary) {
+        text.push_str(&format!("{}\n{}\n", table_of(&locks), drawn::LOCKS));
+    }
+    text.push_str(&format!("{}\n", table_of(&drawn::methods(summary))));
+    text
+}
+
+fn of_rendered(summary: &Summary) -> String {
     let mut text = String::new();
     let of_detectors = words::comparison(summary);
     let is_grasp_alone = summary.methods.len() == 1 && summary.methods[0].grasps.is_some();

@@ -117,6 +117,26 @@ pub struct Words {
     pub rows: Vec<Vec<String>>,
 }
 
+/// Tables as one, of all their columns; a table that has not all leaves them empty.
+pub fn joined(tables: Vec<Words>) -> Words {
+    let mut header: Vec<String> = Vec::new();
+    for name in tables.iter().flat_map(|table| &table.header) {
+        if !header.contains(name) {
+            header.push(name.clone());
+        }
+    }
+    // What stands before the first column that all have comes first.
+    let is_common = |name: &String| tables.iter().all(|table| table.header.contains(name));
+    header.sort_by_key(is_common);
+    let of_row = |table: &Words, row: &Vec<String>| -> Vec<String> {
+        let at = |name: &String| table.header.iter().position(|own| own == name);
+        header.iter().map(|name| at(name).map_or_else(String::new, |at| row[at].clone())).collect()
+    };
+    let rows = tables.iter().flat_map(|table| table.rows.iter().map(|row| of_row(table, row)));
+    let rows = rows.collect();
+    Words { header, rows }
+}
+
 /// Methods beside each other, the best average precision first.
 pub fn comparison(summary: &Summary) -> Words {
     let header = [

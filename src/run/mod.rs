@@ -1,11 +1,12 @@
-//! Executes a plan over a dataset: every scene photographed, every pipeline run, every answer scored.
+//! Executes a plan over a dataset, or over drawn junctions: every scene photographed, every pipeline run, every answer
+//! scored.
 //!
-//! Each scene's rows become a file of their own as soon as they are there, and one file of them all in the end: a run
+//! Each scene's rows, or those of a cell of drawn junctions, become a file of their own as soon as they are there, and one file of them all in the end: a run
 //! that was killed goes on where it was, and memory does not grow with the suite.
 
 mod answers;
+mod drawn;
 mod known;
-pub mod limits;
 mod merge;
 mod parts;
 mod photographs;
@@ -21,10 +22,12 @@ use serde_json::json;
 
 use crate::error::Result;
 use crate::files::{write_json, write_whole};
-use crate::plan::{Pipeline, Plan};
+use crate::plan::{Cell, Pipeline, Plan};
 use crate::record::{Record, RunDescription, join_records, kind, read_records, write_records};
 use crate::scene::{Dataset, Split, sha256_hex};
+use crate::sensor::Photographer;
 
+use drawn::Booth;
 use parts::Parts;
 
 pub use known::{Known, known_answers};
@@ -87,26 +90,45 @@ struct Done {
     is_unreadable: bool,
 }
 
+/// What records call the suite of drawn junctions.
+const DRAWN: &str = "drawn";
+
 /// A run that is to be: all that decides what is measured.
 pub struct Run<'a> {
     plan: &'a Plan,
-    dataset: &'a Dataset,
-    /// All scenes of the split.
-    scenes: Vec<&'a str>,
+    /// None of drawn junctions.
+    dataset: Option<&'a Dataset>,
+    /// All of them.
+    units: Vec<Unit<'a>>,
     shard: Option<Shard>,
+}
+
+/// What is measured as a whole, and has a group of rows of its own.
+struct Unit<'a> {
+    name: String,
+    images: Images<'a>,
+}
+
+enum Images<'a> {
+    /// A scene of the dataset, by all cameras.
+    Scene(&'a Dataset),
+    /// Drawn junctions, by one camera.
+    Drawn(&'a Cell, &'a Photographer),
 }
 
 /// How much a run has to do.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Extent {
-    /// Scenes.
+    /// Scenes, or cells of drawn junctions, each by a camera.
     pub scenes: usize,
-    /// Photographs of each.
+    /// Photographs, of all of them.
     pub exposures: usize,
     /// Pipelines, each on every photograph.
     pub methods: usize,
-    /// How long the first scene took on one core; `None` where it cannot be read.
+    /// How long the first scene took on one core, or the first cell on all; `None` where it cannot be read.
     pub one_scene: Option<Duration>,
+    /// How long all would take that are as quick.
+    pub expected: Option<Duration>,
 }
 
 impl<'a> Run<'a> {
@@ -118,37 +140,72 @@ impl<'a> Run<'a> {
                 dataset.describe(name).map_or(true, |scene| scene.split == wanted)
             })
         };
-        let scenes = dataset.scenes().filter(is_wanted).collect();
-        Self { plan, dataset, scenes, shard: choice.shard }
+        let unit = |name: &str| Unit { name: name.to_owned(), images: Images::Scene(dataset) };
+        let units = dataset.scenes().filter(is_wanted).map(unit).collect();
+        Self { plan, dataset: Some(dataset), units, shard: choice.shard }
     }
 
-    /// The scenes that it measures itself.
-    pub fn own(&self) -> Vec<&'a str> {
+    /// The run of a plan over the junctions that it draws.
+    pub fn of_drawn(plan: &'a Plan, shard: Option<Shard>) -> Self {
+        let unit = |cell: &'a Cell, camera: &'a Photographer| Unit {
+            name: format!("{}-{}", cell.name, camera.name()),
+            images: Images::Drawn(cell, camera),
+        };
+        let of_cell = |cell| plan.cameras.iter().map(move |camera| unit(cell, camera));
+        Self { plan, dataset: None, units: plan.cells.iter().flat_map(of_cell).collect(), shard }
+    }
+
+    fn own(&self) -> Vec<&Unit<'a>> {
         let Shard { first, count } = self.shard.unwrap_or(Shard { first: 0, count: 1 });
-        self.scenes.iter().copied().skip(first).step_by(count).collect()
+        self.units.iter().skip(first).step_by(count).collect()
     }
 
-    /// How much there is to do; its first scene is measured for that.
+    /// How many scenes, or cells of drawn junctions, it measures itself.
+    pub fn len(&self) -> usize {
+        self.own().len()
+    }
+
+    /// Whether it measures none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// How much there is to do; its first scene or cell is measured for that.
     pub fn extent(&self) -> Extent {
         let own = self.own();
-        let first = own.first().and_then(|name| self.dataset.read(name).ok());
-        let one_scene = first.map(|scene| {
+        let one_scene = own.first().and_then(|unit| {
             let start = Instant::now();
             // Only the time counts.
-            let _ = scene::measure(self.plan, self.dataset.suite(), &scene, None);
-            start.elapsed()
+            match unit.images {
+                Images::Scene(dataset) => {
+                    let scene = dataset.read(&unit.name).ok()?;
+                    let _ = scene::measure(self.plan, dataset.suite(), &scene, None);
+                }
+                Images::Drawn(cell, camera) => drop(Booth::new(self.plan, cell, camera).rows()),
+            }
+            Some(start.elapsed())
         });
         let shots = self.plan.shots;
+        let of_scene = self.plan.cameras.len() * (shots.phases * shots.repeats) as usize;
+        let exposures = own.iter().map(|unit| match unit.images {
+            Images::Scene(_) => of_scene,
+            Images::Drawn(cell, _) => cell.factors.count() as usize,
+        });
+        // With fewer scenes than threads some have nothing to do; a cell has work for all.
+        let threads = if self.dataset.is_some() { rayon::current_num_threads() } else { 1 };
+        let turns = u32::try_from(own.len().div_ceil(threads)).unwrap_or(u32::MAX);
         Extent {
             scenes: own.len(),
-            exposures: self.plan.cameras.len() * (shots.phases * shots.repeats) as usize,
+            exposures: exposures.sum(),
             methods: self.plan.pipelines.len(),
             one_scene,
+            expected: one_scene.and_then(|one| one.checked_mul(turns)),
         }
     }
 
     /// Measures every scene by every pipeline and writes the run's folder: run.json, records.parquet and scenes/.
-    /// Scenes are done in parallel; the rows' order is the dataset's and the plan's, whatever the number of threads.
+    /// Scenes, and the junctions of a cell, are done in parallel; the rows' order is the dataset's and the plan's,
+    /// whatever the number of threads.
     /// What an earlier run of the same program left unfinished there is taken over. `on_scene` is called as each is
     /// done.
     ///
@@ -163,20 +220,23 @@ impl<'a> Run<'a> {
         let own = self.own();
         let identity = self.identity();
         let parts = Parts::open(output, &identity, self.shard)?;
-        let done = own
-            .par_iter()
-            .map(|name| {
-                let done = self.measure_one(name, &parts.path(name), output)?;
-                on_scene(name);
-                Ok(done)
-            })
-            .collect::<Result<Vec<Done>>>()?;
-        let paths: Vec<PathBuf> = own.iter().map(|name| parts.path(name)).collect();
+        let one = |unit: &&Unit| {
+            let done = self.measure_one(unit, &parts.path(&unit.name), output)?;
+            on_scene(&unit.name);
+            Ok(done)
+        };
+        // A cell's junctions are many, and its rows: one cell after the other.
+        let done: Result<Vec<Done>> = match self.dataset {
+            Some(_) => own.par_iter().map(one).collect(),
+            None => own.iter().map(one).collect(),
+        };
+        let done = done?;
+        let paths: Vec<PathBuf> = own.iter().map(|unit| parts.path(&unit.name)).collect();
         write_whole(&output.join("records.parquet"), |path| {
             join_records(path, paths.iter().map(|path| (path.as_path(), 0)))
         })?;
         let is_unreadable =
-            |(name, done): (&&str, &Done)| done.is_unreadable.then(|| (*name).to_owned());
+            |(unit, done): (&&Unit, &Done)| done.is_unreadable.then(|| unit.name.clone());
         let unreadable: Vec<String> = own.iter().zip(&done).filter_map(is_unreadable).collect();
         let outcome = Outcome {
             scenes: own.len() - unreadable.len(),
@@ -189,8 +249,8 @@ impl<'a> Run<'a> {
         Ok(outcome)
     }
 
-    /// Measures a scene, unless its part is there.
-    fn measure_one(&self, name: &str, part: &Path, output: &Path) -> Result<Done> {
+    /// Measures a scene or a cell, unless its part is there.
+    fn measure_one(&self, unit: &Unit, part: &Path, output: &Path) -> Result<Done> {
         let has_scene_row = |records: &[Record]| records.iter().any(|r| r.kind == kind::SCENE);
         if part.is_file() {
             return Ok(Done {
@@ -198,11 +258,16 @@ impl<'a> Run<'a> {
                 is_unreadable: has_scene_row(&read_records(part)?),
             });
         }
-        let pictures = output.join("scenes").join(name);
-        let suite = self.dataset.suite();
-        let records = match self.dataset.read(name) {
-            Ok(scene) => scene::measure(self.plan, suite, &scene, Some(&pictures))?,
-            Err(error) => scene::unreadable_by_all(self.plan, suite, name, &error),
+        let records = match unit.images {
+            Images::Scene(dataset) => {
+                let (name, suite) = (&unit.name, dataset.suite());
+                let pictures = output.join("scenes").join(name);
+                match dataset.read(name) {
+                    Ok(scene) => scene::measure(self.plan, suite, &scene, Some(&pictures))?,
+                    Err(error) => scene::unreadable_by_all(self.plan, suite, name, &error),
+                }
+            }
+            Images::Drawn(cell, camera) => Booth::new(self.plan, cell, camera).rows(),
         };
         write_whole(part, |path| write_records(path, &records))?;
         Ok(Done { was_there: false, is_unreadable: has_scene_row(&records) })
@@ -227,8 +292,9 @@ impl<'a> Run<'a> {
                 .collect(),
             phases: shots.phases,
             repeats: shots.repeats,
-            suite: self.dataset.suite().to_owned(),
-            scenes: self.scenes.iter().map(|&name| name.to_owned()).collect(),
+            cells: self.plan.cells.iter().map(Cell::description).collect(),
+            suite: self.suite().to_owned(),
+            scenes: self.units.iter().map(|unit| unit.name.clone()).collect(),
             shard: self.shard.map(|shard| shard.to_string()),
             unreadable,
             identity_sha256: identity.to_owned(),
@@ -243,12 +309,16 @@ impl<'a> Run<'a> {
         }
     }
 
+    fn suite(&self) -> &str {
+        self.dataset.map_or(DRAWN, Dataset::suite)
+    }
+
     /// What rendered the scenes, each once.
     fn renderers(&self) -> Vec<String> {
         let mut renderers: Vec<String> = self
-            .scenes
+            .units
             .iter()
-            .filter_map(|name| self.dataset.renderer(name))
+            .filter_map(|unit| self.dataset?.renderer(&unit.name))
             .map(|renderer| format!("{} {} {}", renderer.name, renderer.version, renderer.variant))
             .collect();
         renderers.sort();
@@ -262,8 +332,12 @@ impl<'a> Run<'a> {
         let cameras: Vec<_> =
             plan.cameras.iter().map(|camera| (camera.name(), camera.model())).collect();
         let rule = plan.corner_rule;
-        let scenes: Vec<_> =
-            self.scenes.iter().map(|name| (name, self.dataset.fingerprint(name))).collect();
+        let scenes: Vec<_> = self
+            .units
+            .iter()
+            .map(|unit| (&unit.name, self.dataset.map(|dataset| dataset.fingerprint(&unit.name))))
+            .collect();
+        let cells: Vec<_> = plan.cells.iter().map(Cell::description).collect();
         let pipelines: Vec<_> = plan.pipelines.iter().map(Pipeline::description).collect();
         let all = json!({
             "cornerbench": env!("CARGO_PKG_VERSION"),
@@ -272,7 +346,8 @@ impl<'a> Run<'a> {
             "range_sensor": [json!(plan.range_sensor), json!(plan.range_sensor_model)],
             "rule": [rule.gate_px, rule.least_edge_px, rule.most_bound_px],
             "pipelines": pipelines,
-            "suite": self.dataset.suite(),
+            "cells": cells,
+            "suite": self.suite(),
             "scenes": scenes,
         });
         sha256_hex(all.to_string().as_bytes())

@@ -5,16 +5,16 @@ use std::path::Path;
 
 use super::answers::Answers;
 use super::pictures;
-use super::score::{Scorer, sketch};
+use super::score::{Scorer, of_pipeline, sketch};
 use crate::bound::{Seeing, corner_bounds};
 use crate::detect::Detection;
 use crate::error::{Error, Result};
 use crate::files::write_json;
 use crate::geometry::ImagePoint;
 use crate::metrics::Seen;
-use crate::plan::{Pipeline, Plan, Seeds, Shots, Stage};
+use crate::plan::{Pipeline, Plan, Seeds, Shots};
 use crate::random::Stream;
-use crate::record::{RECORD_VERSION, Record, kind, status, track};
+use crate::record::{RECORD_VERSION, Record, kind, status};
 use crate::scene::{Description, Film, Scene, TrueCorner, Truth};
 use crate::sensor::{
     Exposure, Kernel, PhotographBuffers, Photographer, RangeImage, RangeSensor, Rig, Shot,
@@ -185,14 +185,8 @@ impl Station<'_> {
     /// A record with everything that is the same for all rows of a photograph and method.
     pub fn template(&self, pipeline: &Pipeline, number: u32, blur_px: f64) -> Record {
         let [phase_x_px, phase_y_px] = Shots::phase_px(self.phase);
-        let (track, disc_px, detector) = match &pipeline.seeds {
-            Seeds::Disc { radius_px } => (track::REFINEMENT, Some(*radius_px), None),
-            Seeds::Detected { detect, .. } => (track::END_TO_END, None, Some(detect.label())),
-        };
         let Description { family, pose, split, .. } = &self.scene.description;
         Record {
-            record_version: RECORD_VERSION,
-            cornerbench_version: env!("CARGO_PKG_VERSION").to_owned(),
             suite: self.suite.to_owned(),
             scene: self.scene.name.clone(),
             scene_recipe_sha256: self.scene.recipe_sha256.clone(),
@@ -204,16 +198,8 @@ impl Station<'_> {
             phase_x_px: Some(phase_x_px),
             phase_y_px: Some(phase_y_px),
             blur_px: Some(blur_px),
-            method: pipeline.name.clone(),
-            track: track.to_owned(),
-            seed_disc_px: disc_px,
-            target_extractor: pipeline.seeds.target().map(Stage::label),
-            detector,
-            refiner: pipeline.refine.label(),
-            face_selector: pipeline.grasp.as_ref().map(|grasp| grasp.face.label()),
-            grasp_estimator: pipeline.grasp.as_ref().map(|grasp| grasp.point.label()),
             target_visible_fraction: Some(self.scene.truth.target_visible_fraction),
-            ..Record::default()
+            ..of_pipeline(pipeline)
         }
     }
 }

@@ -7,8 +7,8 @@ use crate::metrics::{
     CornerRule, CornerScore, Fate, OtherScore, Seen, covered_face, grasp_error, score_corners,
     score_seeded,
 };
-use crate::plan::{Pipeline, Seeds};
-use crate::record::{Record, Sketch, kind, status};
+use crate::plan::{Pipeline, Seeds, Stage};
+use crate::record::{RECORD_VERSION, Record, Sketch, kind, status, track};
 use crate::refine::Corner;
 use crate::scene::{FalseJunction, Scene, TrueCorner, TrueFace, Truth, Visibility};
 use crate::sensor::Rig;
@@ -113,8 +113,29 @@ impl Scorer<'_> {
     }
 }
 
+/// The columns that tell a pipeline from others.
+pub(super) fn of_pipeline(pipeline: &Pipeline) -> Record {
+    let (track, disc_px, detector) = match &pipeline.seeds {
+        Seeds::Disc { radius_px } => (track::REFINEMENT, Some(*radius_px), None),
+        Seeds::Detected { detect, .. } => (track::END_TO_END, None, Some(detect.label())),
+    };
+    Record {
+        record_version: RECORD_VERSION,
+        cornerbench_version: env!("CARGO_PKG_VERSION").to_owned(),
+        method: pipeline.name.clone(),
+        track: track.to_owned(),
+        seed_disc_px: disc_px,
+        target_extractor: pipeline.seeds.target().map(Stage::label),
+        detector,
+        refiner: pipeline.refine.label(),
+        face_selector: pipeline.grasp.as_ref().map(|grasp| grasp.face.label()),
+        grasp_estimator: pipeline.grasp.as_ref().map(|grasp| grasp.point.label()),
+        ..Record::default()
+    }
+}
+
 /// The columns of an answer.
-fn with_answer(template: &Record, answer: &Corner) -> Record {
+pub(super) fn with_answer(template: &Record, answer: &Corner) -> Record {
     Record {
         detected_x_px: Some(answer.seed.point.x),
         detected_y_px: Some(answer.seed.point.y),

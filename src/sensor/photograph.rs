@@ -14,7 +14,7 @@ use crate::sensor::mosaic::{demosaiced, filter};
 use crate::sensor::optics::{Spread, illumination};
 use crate::sensor::transfer::Quantiser;
 use crate::sensor::{
-    CameraModel, Colour, Demosaic, Encoding, Exposure, NoiseModel, Sensor, Transfer,
+    CameraModel, Colour, Demosaic, Encoding, Exposure, NoiseModel, Optics, Sensor, Transfer,
 };
 
 /// Rec. 709 luminance: what a camera that sees no colour and has no sensor makes of light.
@@ -29,6 +29,7 @@ pub struct Photographer {
     name: String,
     model: CameraModel,
     spread: Spread,
+    psf: Option<Plane<f32>>,
     quantiser: Option<Quantiser>,
     /// How its pixels differ, of each plane, for the largest frame so far.
     patterns: [RwLock<Option<Arc<Pattern>>>; 3],
@@ -85,9 +86,22 @@ impl Photographer {
             name: name.to_owned(),
             model: model.clone(),
             spread: model.optics.spread(psf),
+            psf: psf.cloned(),
             quantiser,
             patterns: Default::default(),
         }
+    }
+
+    /// A camera of the same name and point spread function with another model.
+    pub fn with_model(&self, model: &CameraModel) -> Self {
+        Self::new(&self.name, model, self.psf.as_ref())
+    }
+
+    /// Whether its image is that of a pinhole, blurred by a Gaussian, on pixels without gaps.
+    pub fn has_gaussian_blur_alone(&self) -> bool {
+        let Optics { fill_factor, corner_illumination, distortion, .. } = &self.model.optics;
+        let is_even = *fill_factor >= 1.0 && *corner_illumination >= 1.0;
+        self.spread.is_point() && is_even && distortion.is_none()
     }
 
     /// The camera's name.

@@ -265,7 +265,7 @@ fn list_says_what_would_run_and_measures_nothing() {
         &["--list", "--shard", "1/2"],
     ));
     assert!(said.contains("given-disc_px=0.5-corner_sub_pix-half_window_px=3\n"), "{said}");
-    let words = "10 methods on 8 photographs of each of 1 scenes (ideal, noisy)";
+    let words = "10 methods on 8 photographs of 1 scenes (ideal, noisy)";
     assert!(said.contains(words) && said.contains("about "), "{said}");
     assert!(!folder.path().join("run").exists());
 }

@@ -1,0 +1,217 @@
+//! Curves over what differs between cells: a panel for each combination of the rest, a line for each method.
+
+use plotters::coord::Shift;
+use plotters::coord::ranged1d::{AsRangedCoord, ValueFormatter};
+use plotters::prelude::*;
+
+use super::sheet::{Panel, Sheet, Spot, factor_name};
+use crate::error::{Error, Result};
+use crate::report::refinement::Estimate;
+
+const PANEL_PX: [u32; 2] = [380, 300];
+const COLUMNS: usize = 3;
+const LEGEND_ROW_PX: u32 = 22;
+const LEGEND_COLUMNS: usize = 3;
+
+/// Colours that people tell apart, also those who see few (Okabe & Ito 2008), and some more.
+const COLOURS: [RGBColor; 12] = [
+    RGBColor(0, 114, 178),
+    RGBColor(213, 94, 0),
+    RGBColor(0, 158, 115),
+    RGBColor(204, 121, 167),
+    RGBColor(230, 159, 0),
+    RGBColor(86, 180, 233),
+    RGBColor(120, 60, 20),
+    RGBColor(110, 110, 110),
+    RGBColor(150, 40, 120),
+    RGBColor(90, 140, 20),
+    RGBColor(30, 60, 160),
+    RGBColor(190, 20, 40),
+];
+
+fn colour(series: usize) -> RGBColor {
+    COLOURS[series % COLOURS.len()]
+}
+
+/// What is drawn over x.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum Quantity {
+    /// Root mean square error, with its interval, and the bound.
+    Error,
+    /// Mean error along the bisector.
+    Bias,
+    /// Share of junctions that were not located.
+    Failed,
+}
+
+impl Quantity {
+    /// What it is, with its unit.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Error => "rms error px",
+            Self::Bias => "bias into the angle px",
+            Self::Failed => "failed %",
+        }
+    }
+
+    fn of(self, spot: &Spot) -> Option<Estimate> {
+        match self {
+            Self::Error => spot.method.refined.rmse_px,
+            Self::Bias => spot.method.refined.bias_along_px,
+            Self::Failed => Some(Estimate { value: 100.0 * spot.failed(), low: None, high: None }),
+        }
+    }
+}
+
+type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
+type Failure<'a> = DrawingAreaErrorKind<<SVGBackend<'a> as DrawingBackend>::ErrorType>;
+
+/// Draws a sheet as an SVG.
+///
+/// # Errors
+/// [`Error::Other`] from the drawing library.
+pub(super) fn draw(sheet: &Sheet, quantity: Quantity) -> Result<String> {
+    let count = |value: usize| u32::try_from(value).unwrap_or(u32::MAX);
+    let columns = sheet.panels.len().clamp(1, COLUMNS);
+    let rows = sheet.panels.len().div_ceil(columns).max(1);
+    let legend_rows = (sheet.series.len() + 1).div_ceil(LEGEND_COLUMNS);
+    let legend_px = LEGEND_ROW_PX * count(legend_rows) + 8;
+    let width_px = (PANEL_PX[0] * count(columns)).max(760);
+    let size = (width_px, legend_px + PANEL_PX[1] * count(rows));
+    let mut text = String::new();
+    let failed = |error: DrawingAreaErrorKind<_>| Error::Other(format!("the curves: {error}"));
+    {
+        let root = SVGBackend::with_string(&mut text, size).into_drawing_area();
+        root.fill(&WHITE).map_err(failed)?;
+        let (legend, below) = root.split_vertically(legend_px);
+        draw_legend(&legend, sheet, quantity).map_err(failed)?;
+        let (below, _) = below.split_horizontally(PANEL_PX[0] * count(columns));
+        let range = range(sheet, quantity);
+        for (area, panel) in below.split_evenly((rows, columns)).iter().zip(&sheet.panels) {
+            let range = range.clone();
+            match quantity {
+                Quantity::Error => draw_panel(area, sheet, panel, quantity, range.log_scale()),
+                _ => draw_panel(area, sheet, panel, quantity, range),
+            }
+            .map_err(failed)?;
+        }
+        root.present().map_err(failed)?;
+    }
+    Ok(text)
+}
+
+fn draw_legend<'a>(
+    area: &Area<'a>,
+    sheet: &Sheet,
+    quantity: Quantity,
+) -> std::result::Result<(), Failure<'a>> {
+    let names = sheet.series.iter().enumerate().map(|(index, name)| (colour(index), *name));
+    let has_bound = sheet.has_bound() && quantity == Quantity::Error;
+    let bound = has_bound.then_some((BLACK, "bound"));
+    let (width_px, _) = area.dim_in_pixel();
+    for (index, (colour, name)) in names.chain(bound).enumerate() {
+        let signed = |value: usize| i32::try_from(value).unwrap_or(i32::MAX);
+        let step_px = i32::try_from(width_px).unwrap_or(i32::MAX) / signed(LEGEND_COLUMNS);
+        let x = 10 + step_px * signed(index % LEGEND_COLUMNS);
+        let y = 8 + 22 * signed(index / LEGEND_COLUMNS);
+        area.draw(&Rectangle::new([(x, y + 4), (x + 18, y + 8)], colour.filled()))?;
+        area.draw(&Text::new(name.to_owned(), (x + 24, y - 1), ("sans-serif", 13)))?;
+    }
+    Ok(())
+}
+
+/// What all panels show of y.
+fn range(sheet: &Sheet, quantity: Quantity) -> std::ops::Range<f64> {
+    let spots = sheet.panels.iter().flat_map(|panel| &panel.spots);
+    let values = spots.flat_map(|spot| {
+        let estimate = quantity.of(spot).map(|estimate| estimate.value);
+        let bound = spot.cell.bound_px.filter(|_| quantity == Quantity::Error);
+        [estimate, bound].into_iter().flatten()
+    });
+    let (mut least, mut most) = (f64::INFINITY, f64::NEG_INFINITY);
+    for value in values.filter(|value| quantity != Quantity::Error || *value > LEAST_PX) {
+        (least, most) = (least.min(value), most.max(value));
+    }
+    match quantity {
+        Quantity::Failed => 0.0..100.0,
+        Quantity::Error if least < most => (0.8 * least)..(1.25 * most),
+        Quantity::Bias if least < most => {
+            let margin = 0.05 * (most - least);
+            // Farther than a pixel is a failure, and drawn as such.
+            (least - margin).max(-1.0)..(most + margin).min(1.0)
+        }
+        _ => 0.01..1.0,
+    }
+}
+
+/// Smaller errors are none \[px\].
+const LEAST_PX: f64 = 1e-5;
+
+fn draw_panel<'a, Y>(
+    area: &Area<'a>,
+    sheet: &Sheet,
+    panel: &Panel,
+    quantity: Quantity,
+    y: Y,
+) -> std::result::Result<(), Failure<'a>>
+where
+    Y: AsRangedCoord<Value = f64>,
+    Y::CoordDescType: Ranged<ValueType = f64> + ValueFormatter<f64>,
+{
+    let last = sheet.x_labels.len().saturating_sub(1) as f64;
+    let is_number = sheet.x_labels.iter().all(|label| label.parse::<f64>().is_ok());
+    let mut chart = ChartBuilder::on(area)
+        .margin(10)
+        .caption(sheet.title(panel), ("sans-serif", 14))
+        .x_label_area_size(if is_number { 36 } else { 92 })
+        .y_label_area_size(48)
+        .build_cartesian_2d(-0.3..(last + 0.3), y)?;
+    let label_of = |x: &f64| {
+        let index = x.round();
+        let is_whole = (x - index).abs() < 1e-6 && index >= 0.0;
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "an index")]
+        let label = sheet.x_labels.get(index as usize).filter(|_| is_whole);
+        label.cloned().unwrap_or_default()
+    };
+    let style = ("sans-serif", 11).into_font();
+    let style = if is_number { style } else { style.transform(FontTransform::Rotate90) };
+    chart
+        .configure_mesh()
+        .disable_x_mesh()
+        .x_labels(2 * sheet.x_labels.len().max(2))
+        .x_label_formatter(&label_of)
+        .x_label_style(style)
+        .y_label_formatter(&|value| format!("{value}"))
+        .light_line_style(TRANSPARENT)
+        .x_desc(if is_number { factor_name(sheet.x) } else { "" })
+        .y_desc(quantity.name())
+        .draw()?;
+    if quantity == Quantity::Error {
+        let mut bounds: Vec<(f64, f64)> = panel
+            .spots
+            .iter()
+            .filter_map(|spot| Some((spot.x as f64, spot.cell.bound_px?)))
+            .collect();
+        bounds.sort_by(|a, b| a.0.total_cmp(&b.0));
+        bounds.dedup();
+        chart.draw_series(LineSeries::new(bounds, BLACK.stroke_width(3)))?;
+    }
+    for series in 0..sheet.series.len() {
+        let mut spots: Vec<(f64, Estimate)> = panel
+            .spots
+            .iter()
+            .filter(|spot| spot.series == series)
+            .filter_map(|spot| Some((spot.x as f64, quantity.of(spot)?)))
+            .collect();
+        spots.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let floor = if quantity == Quantity::Error { LEAST_PX } else { f64::NEG_INFINITY };
+        let line = spots.iter().map(|(x, estimate)| (*x, estimate.value.max(floor)));
+        chart.draw_series(LineSeries::new(line.clone(), colour(series).stroke_width(2)))?;
+        chart.draw_series(line.map(|at| Circle::new(at, 3, colour(series).filled())))?;
+        let ends = spots.iter().filter_map(|(x, estimate)| {
+            Some([(*x, estimate.low?.max(floor)), (*x, estimate.high?.max(floor))])
+        });
+        chart.draw_series(ends.map(|ends| PathElement::new(ends, colour(series))))?;
+    }
+    Ok(())
+}
