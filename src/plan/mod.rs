@@ -175,6 +175,7 @@ impl Plan {
         let cells = drawn::cells(&place, &file.drawn)?;
         if !cells.is_empty() {
             check_drawn(&place, &pipelines)?;
+            check_noise(&place, &cells, &cameras)?;
         }
         refuse_twice(&place, "cells", cells.iter().map(|one| one.name.as_str()))?;
         refuse_twice(&place, "pipelines", pipelines.iter().map(|one| one.name.as_str()))?;
@@ -194,6 +195,21 @@ impl Plan {
             },
             pipelines,
         })
+    }
+}
+
+/// Refuses noise of cells where a camera has no sensor that could have it.
+fn check_noise(place: &str, cells: &[Cell], cameras: &[Photographer]) -> Result<()> {
+    let noisy = cells.iter().find(|cell| cell.factors.contrast_over_noise.is_some());
+    let ideal = cameras.iter().find(|camera| camera.model().sensor.is_none());
+    match noisy.zip(ideal) {
+        Some((cell, camera)) => Err(Error::Other(format!(
+            "{place}: cell {:?} has contrast_over_noise, and camera {:?} has no sensor; leave it out, or take a \
+             camera with a sensor, as \"bench\"",
+            cell.name,
+            camera.name()
+        ))),
+        None => Ok(()),
     }
 }
 

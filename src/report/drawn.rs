@@ -16,7 +16,7 @@ use serde::Serialize;
 use serde_json::{Map, Value};
 
 use crate::error::Result;
-use crate::record::{Record, RecordFile, RunDescription, kind, status, track};
+use crate::record::{Record, RecordFile, RunDescription, kind, status};
 use crate::report::refinement::Refined;
 use crate::stats;
 
@@ -53,8 +53,10 @@ pub struct CellSummary {
 pub struct DrawnMethod {
     /// Its name.
     pub method: String,
-    /// Its name without the size of the disc of seeds: methods of one name here differ by that alone.
+    /// Its name without where seeds come from: methods of one name here differ by that alone.
     pub series: String,
+    /// The detector; none on the refinement track.
+    pub detector: Option<String>,
     /// On the refinement track the radius of the disc of seeds \[px\].
     pub seed_disc_px: Option<f64>,
     /// Junctions that no detection was near to.
@@ -75,7 +77,7 @@ const COLUMNS: &[&str] = &[
     "cell",
     "exposure",
     "method",
-    "track",
+    "detector",
     "seed_disc_px",
     "kind",
     "status",
@@ -164,10 +166,15 @@ impl DrawnMethod {
             .filter(|row| row.kind == kind::CORNER && row.status == status::OK)
             .collect();
         let method = rows.first().map(|row| row.method.clone()).unwrap_or_default();
-        let is_given = rows.first().is_some_and(|row| row.track == track::REFINEMENT);
-        let words = method.split('-').filter(|word| !(is_given && word.starts_with("disc_px=")));
+        // Without its version.
+        let detector = rows.first().and_then(|row| row.detector.as_deref()?.split(' ').next());
+        let is_of_seeds = |word: &&str| {
+            detector.map_or(word.starts_with("disc_px="), |detector| *word == detector)
+        };
+        let words: Vec<&str> = method.split('-').filter(|word| !is_of_seeds(word)).collect();
         Self {
-            series: words.collect::<Vec<_>>().join("-"),
+            series: if words.is_empty() { method.clone() } else { words.join("-") },
+            detector: detector.map(str::to_owned),
             method,
             seed_disc_px: rows.first().and_then(|row| row.seed_disc_px),
             missed: count(kind::CORNER, status::MISSED),

@@ -1,6 +1,5 @@
 //! Corners located by their edges.
 
-use cornerbench::detect::{DETECTORS, Detector};
 use cornerbench::geometry::ImagePoint;
 use cornerbench::image::Plane;
 use cornerbench::junction::drawing::{Drawing, DrawingBuffers};
@@ -8,7 +7,6 @@ use cornerbench::junction::rays::Rays;
 use cornerbench::refine::apriltag_edges::AprilTagEdges;
 use cornerbench::refine::edge_intersection::{EdgeIntersection, Operator};
 use cornerbench::refine::{Corner, RefineStatus, Refiner};
-use cornerbench::run::limits::{Cell, Contestant, Seeds, measure_cell};
 use cornerbench::sensor::{Encoding, Exposure, Transfer};
 
 use crate::drawn::seed;
@@ -114,31 +112,6 @@ fn ramps_do_not_move_the_vertex() {
     let corner = refined(&EdgeIntersection::default(), &exposure(&drawing), 25.0, 23.0);
     let error_px = corner.position.distance_px(ImagePoint::new(24.2, 23.7));
     assert!(corner.status.answered() && error_px < 0.01, "{corner:?}");
-}
-
-#[test]
-fn the_covariance_is_that_of_the_errors() {
-    let harris = DETECTORS.iter().find(|entry| entry.name == "harris").expect("harris");
-    let detector: Box<dyn Detector> = (harris.build)("harris", &(harris.defaults)()).expect("it");
-    let cell = Cell {
-        name: "L 90",
-        angles_deg: &[0.0, 90.0],
-        levels: [0.8, 0.2, 0.0],
-        blur_px: 1.0,
-        contrast_over_noise: 50.0,
-        ramp_per_px: 0.0,
-        seeds: Seeds::Disc(1.0),
-    };
-    let refiner = Box::new(EdgeIntersection::default());
-    let contestants = [Contestant { name: "edge_intersection".to_owned(), refiner }];
-    let row = measure_cell(&cell, 200, &contestants, detector.as_ref());
-    let score = &row.scores[0];
-    assert!(score.located > 195, "{score:?}");
-    // 200 corners tell it to 0.14.
-    let nees = score.nees.expect("a covariance");
-    assert!((1.5..2.7).contains(&nees), "{nees}");
-    // More is seen of an edge than the bound's disc of 10 px holds.
-    assert!(score.rmse_px.expect("answers") < row.bound_with_ramps_px, "{row:?}");
 }
 
 #[test]

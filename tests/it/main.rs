@@ -1,6 +1,7 @@
 //! Every integration test, one module per kind.
 
 mod camera;
+mod cells;
 mod cli;
 mod contract;
 mod cuboids;
@@ -13,7 +14,6 @@ mod export;
 mod grasp;
 mod junctions;
 mod layers;
-mod limits;
 mod lines;
 mod opencv;
 mod oracle;

@@ -57,7 +57,7 @@ const FACTORS: [&str; 14] = [
 /// What reports call a factor.
 pub(super) fn factor_name(factor: &str) -> &str {
     match factor {
-        "seed_disc_px" => "seeds up to px",
+        "seed_disc_px" => "seeds within px",
         "contrast_over_noise" => "contrast over noise",
         "ramp_per_px" => "ramp per px",
         "neighbour_px" => "neighbour px",
@@ -75,7 +75,10 @@ pub(super) fn factor_name(factor: &str) -> &str {
 fn value(factor: &str, cell: &CellSummary, method: &DrawnMethod) -> Value {
     match factor {
         "camera" => cell.camera.clone().into(),
-        "seed_disc_px" => method.seed_disc_px.map_or_else(|| "detected".into(), Value::from),
+        "seed_disc_px" => match method.seed_disc_px {
+            Some(radius_px) => radius_px.into(),
+            None => method.detector.clone().into(),
+        },
         other => cell.factors.get(other).cloned().unwrap_or(Value::Null),
     }
 }
