@@ -30,6 +30,9 @@ pub(super) struct Options {
     /// Say what would be measured and how long it may take, and end. One scene is measured for that.
     #[arg(long)]
     list: bool,
+    /// Leave out the times that pipelines take, measured after all else on one thread.
+    #[arg(long)]
+    no_timing: bool,
     /// The run's folder; out/PLAN-SUITE, with split and shard behind it, where this is not given.
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
@@ -58,7 +61,7 @@ pub(super) fn run(global: &Global, options: &Options) -> Result<Ended> {
             .map_or(String::new(), |Shard { first, count }| format!("-{first}of{count}"));
         PathBuf::from("out").join(format!("{}-{}{split}{shard}", options.plan, dataset.suite()))
     });
-    measure(global, &options.plan, &dataset, choice, &output)
+    measure(global, &options.plan, &dataset, choice, !options.no_timing, &output)
 }
 
 /// Measures, reports, and prints the table.
@@ -67,6 +70,7 @@ pub(super) fn measure(
     plan: &str,
     dataset: &Dataset,
     choice: Choice,
+    is_timed: bool,
     output: &Path,
 ) -> Result<Ended> {
     let plan = Plan::read(&project::recipes(global)?, plan)?;
@@ -75,6 +79,10 @@ pub(super) fn measure(
     let outcome = run.measure(output, &command_line(), &|_| bar.inc(1));
     bar.finish_and_clear();
     let outcome = outcome?;
+    // Times are no reason to lose what was measured.
+    if is_timed && let Err(error) = run.time(output) {
+        global.say(format!("no times: {}", error.chain()));
+    }
     if outcome.resumed > 0 {
         let all = outcome.scenes + outcome.unreadable;
         global.say(format!("{} of {all} scenes had been measured already", outcome.resumed));

@@ -19,6 +19,7 @@ pub(super) fn run(global: &Global, _: &Options) -> Result<Ended> {
     if rendered == Ended::Interrupted {
         return Ok(rendered);
     }
-    let measured = measure(global, PLAN, &Dataset::open(&folder)?, Choice::default(), &output)?;
+    let measured =
+        measure(global, PLAN, &Dataset::open(&folder)?, Choice::default(), true, &output)?;
     Ok(if rendered == Ended::Well { measured } else { rendered })
 }

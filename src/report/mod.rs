@@ -5,6 +5,7 @@ pub mod contest;
 mod curves;
 pub mod detection;
 mod figures;
+pub mod gospa;
 mod misses;
 pub mod refinement;
 pub mod summary;
@@ -21,7 +22,7 @@ use serde_json::json;
 
 use crate::error::{Error, Result};
 use crate::files::{replace_folder, write_json, write_whole};
-use crate::record::{Record, kind, read_records, read_run, read_sketch};
+use crate::record::{Record, kind, read_records, read_run, read_sketch, read_timing};
 use crate::report::summary::{MethodSummary, Summary, summarise};
 
 /// Writes summary.json and report/ of the run in `folder`, from its records and pictures, and
@@ -32,7 +33,7 @@ use crate::report::summary::{MethodSummary, Summary, summarise};
 pub fn write(folder: &Path) -> Result<(Summary, PathBuf)> {
     let records = read_records(&folder.join("records.parquet"))?;
     let run = read_run(folder)?;
-    let summary = summarise(&records);
+    let summary = Summary { timing: read_timing(folder)?, ..summarise(&records, run.gate_px) };
     write_json(&folder.join("summary.json"), &summary)?;
 
     let report = folder.join("report");
@@ -107,6 +108,7 @@ pub fn write(folder: &Path) -> Result<(Summary, PathBuf)> {
         "run": run,
         "summary": summary,
         "comparison": words::comparison(&summary),
+        "gospa": words::gospa(&summary),
         "refinement": refinement,
         "contests": words::contests(&summary),
         "shifts": words::shifts(&summary),

@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 use super::Shard;
 use crate::error::{Error, Result};
 use crate::files::write_json;
+use crate::record::TIMING_FILE;
 
 /// Says what a folder of parts is of.
 const MANIFEST: &str = "unfinished.json";
@@ -16,7 +17,7 @@ const MANIFEST: &str = "unfinished.json";
 const FOLDER: &str = "parts";
 /// What a run's folder has beside them.
 const FOLDERS: [&str; 2] = ["scenes", "report"];
-const FILES: [&str; 3] = ["run.json", "records.parquet", "summary.json"];
+const FILES: [&str; 4] = ["run.json", "records.parquet", "summary.json", TIMING_FILE];
 
 /// What decides whether parts may be taken over.
 #[derive(Debug, PartialEq, Eq, Serialize, Deserialize)]
