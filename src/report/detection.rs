@@ -24,8 +24,10 @@ pub struct DetectionSummary {
     pub recall_by: Vec<Strata>,
     /// Answers where no corner asked for is, and false junctions, by their cause.
     pub causes: Vec<Cause>,
-    /// Near, missed and false ones in one number.
+    /// Near, missed and false ones in one number, of all answers.
     pub gospa: GospaSummary,
+    /// The same of the answers that pass the best share of the strongest.
+    pub gospa_at_best: GospaSummary,
     /// Right answers by how near they are; of a threshold on the share of the strongest.
     pub gates: Vec<Gate>,
     /// The mean of the gates' average precision; none where the plan's gate is narrower than all.
@@ -131,7 +133,8 @@ pub fn summarise(records: &[&Record], gate_px: f64) -> DetectionSummary {
         recall_by: method.recall_by(best),
         causes: method.causes(best),
         sweeps: sweeps.into(),
-        gospa: gospa::summarise(records),
+        gospa: gospa::summarise(records, |_| true),
+        gospa_at_best: gospa::summarise(records, |r| method.passes(r, r.response, best)),
         gates,
         mean_average_precision: mean(&precisions),
     }

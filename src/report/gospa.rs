@@ -15,6 +15,9 @@ use crate::stats::{OperatingPoint, average_precision, precision_recall};
 /// From so far on an answer is of another point \[px\].
 pub const CUTOFF_PX: f64 = 3.0;
 
+/// What a corner without an answer costs, and an answer without a corner \[px^2\].
+const ALONE_PX2: f64 = 0.5 * CUTOFF_PX * CUTOFF_PX;
+
 /// Gates: within each of them an answer may be right \[px\].
 pub const GATES_PX: [f64; 6] = [0.25, 0.5, 1.0, 2.0, 3.0, 5.0];
 
@@ -37,17 +40,24 @@ impl Cost {
     /// A pair as far apart as the cutoff, or farther, is a missed corner and a false answer. So is a given corner
     /// that its refiner declined: there is no other answer to it.
     pub fn of(record: &Record) -> Self {
-        const ALONE_PX2: f64 = 0.5 * CUTOFF_PX * CUTOFF_PX;
         let asked = Self { asked: 1.0, ..Self::default() };
         match (record.kind.as_str(), record.status.as_str()) {
             (kind::CORNER, status::OK) => match distance_px(record) {
                 Some(px) if px < CUTOFF_PX => Self { localisation_px2: px * px, ..asked },
                 _ => Self { missed_px2: ALONE_PX2, false_px2: ALONE_PX2, ..asked },
             },
-            (kind::CORNER, status::MISSED) => Self { missed_px2: ALONE_PX2, ..asked },
+            (kind::CORNER, status::MISSED) => Self::without_answer(record),
             (kind::FALSE_CORNER, status::FALSE) => Self { false_px2: ALONE_PX2, ..Self::default() },
             _ => Self::default(),
         }
+    }
+
+    /// The cost of a record whose answer is taken away: a corner asked for is missed.
+    pub fn without_answer(record: &Record) -> Self {
+        let is_asked = record.kind == kind::CORNER
+            && [status::OK, status::MISSED].contains(&record.status.as_str());
+        let missed = Self { missed_px2: ALONE_PX2, asked: 1.0, ..Self::default() };
+        if is_asked { missed } else { Self::default() }
     }
 
     /// All of it.
@@ -93,18 +103,19 @@ const FALSE: usize = 2;
 const ASKED: usize = 3;
 const PHOTOGRAPHS: usize = 4;
 
-/// Summarises the records of one method.
+/// Summarises the records of one method; answers that do not pass are as if they were not there.
 #[allow(
     clippy::cast_precision_loss,
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,
     reason = "counts far below 2^52"
 )]
-pub fn summarise(records: &[&Record]) -> GospaSummary {
+pub fn summarise(records: &[&Record], passes: impl Fn(&Record) -> bool) -> GospaSummary {
     let mut scenes: BTreeMap<&str, ([f64; 5], BTreeSet<Option<i32>>)> = BTreeMap::new();
     for record in records {
         let (sums, exposures) = scenes.entry(&record.scene).or_default();
-        let Cost { localisation_px2, missed_px2, false_px2, asked } = Cost::of(record);
+        let cost = if passes(record) { Cost::of(record) } else { Cost::without_answer(record) };
+        let Cost { localisation_px2, missed_px2, false_px2, asked } = cost;
         let more = [localisation_px2, missed_px2, false_px2, asked];
         sums.iter_mut().zip(more).for_each(|(sum, more)| *sum += more);
         exposures.insert(record.exposure);
@@ -221,7 +232,7 @@ mod tests {
                 ..row("b", kind::CORNER, status::OK, Some(9.0))
             },
         ];
-        let summary = summarise(&rows.iter().collect::<Vec<_>>());
+        let summary = summarise(&rows.iter().collect::<Vec<_>>(), |_| true);
         assert_eq!((summary.photographs, summary.asked), (2, 4));
         near(summary.localisation_px2, (1.0 + 4.0) / 4.0);
         near(summary.missed_px2, 9.0 / 4.0);
@@ -237,17 +248,19 @@ mod tests {
             refine_status: Some(refine_status.into()),
             ..row("a", kind::CORNER, status::OK, Some(0.1))
         };
-        near(summarise(&[&given("singular")]).per_corner_px, CUTOFF_PX);
-        near(summarise(&[&given("ok")]).per_corner_px, 0.1);
+        near(summarise(&[&given("singular")], |_| true).per_corner_px, CUTOFF_PX);
+        near(summarise(&[&given("ok")], |_| true).per_corner_px, 0.1);
     }
 
     #[test]
     fn nothing_asked_has_no_number_and_no_error_is_zero() {
-        assert_eq!(summarise(&[]).per_corner_px, None);
+        assert_eq!(summarise(&[], |_| true).per_corner_px, None);
         let wrong = row("a", kind::FALSE_CORNER, status::FALSE, None);
-        assert_eq!(summarise(&[&wrong]).per_corner_px, None);
-        near(summarise(&[&wrong]).per_photograph_px, 4.5_f64.sqrt());
-        near(summarise(&[&row("a", kind::CORNER, status::OK, Some(0.0))]).per_corner_px, 0.0);
+        assert_eq!(summarise(&[&wrong], |_| true).per_corner_px, None);
+        near(summarise(&[&wrong], |_| true).per_photograph_px, 4.5_f64.sqrt());
+        let exact = row("a", kind::CORNER, status::OK, Some(0.0));
+        near(summarise(&[&exact], |_| true).per_corner_px, 0.0);
+        near(summarise(&[&exact, &wrong], |_| false).per_corner_px, 4.5_f64.sqrt());
     }
 
     #[test]

@@ -7,6 +7,7 @@ pub mod detection;
 mod figures;
 pub mod gospa;
 mod misses;
+pub mod recommend;
 pub mod refinement;
 pub mod summary;
 mod svg;

@@ -157,10 +157,12 @@ pub fn gospa(summary: &Summary) -> Words {
     };
     methods.sort_by(|a, b| per_corner_px(a).total_cmp(&per_corner_px(b)));
     let gates = methods.first().map_or(&[][..], |first| &first.detection.gates);
-    let header = ["method", "GOSPA px (95 %)", "off", "missed", "false"].map(str::to_owned);
+    let header = ["method", "GOSPA px (95 %)", "off", "missed", "false", "at best threshold"];
+    let header = header.map(str::to_owned);
     let of_gates = gates.iter().map(|gate| format!("AP {} px", gate.gate_px));
     let rows = methods.iter().map(|method| {
-        let DetectionSummary { gospa, gates, mean_average_precision, .. } = &method.detection;
+        let DetectionSummary { gospa, gospa_at_best, gates, mean_average_precision, .. } =
+            &method.detection;
         let all_px2 = gospa.per_corner_px.map(|all| all.value * all.value);
         let share = |part: Option<Estimate>| {
             let all_px2 = all_px2.filter(|all_px2| *all_px2 > 0.0);
@@ -173,6 +175,7 @@ pub fn gospa(summary: &Summary) -> Words {
             share(gospa.localisation_px2),
             share(gospa.missed_px2),
             share(gospa.false_px2),
+            of_estimate(gospa_at_best.per_corner_px, 3),
         ]
         .into_iter()
         .chain(gates.iter().map(|gate| precision(gate.average_precision)))
@@ -384,7 +387,7 @@ pub fn compared(comparison: &Comparison) -> Words {
 }
 
 /// A probability, no smaller than what it is known to.
-fn probability(p: f64) -> String {
+pub(super) fn probability(p: f64) -> String {
     if p < 0.001 { "< 0.001".to_owned() } else { format!("{p:.3}") }
 }
 

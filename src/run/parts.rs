@@ -16,7 +16,7 @@ const MANIFEST: &str = "unfinished.json";
 /// Where they are.
 const FOLDER: &str = "parts";
 /// What a run's folder has beside them.
-const FOLDERS: [&str; 2] = ["scenes", "report"];
+const FOLDERS: [&str; 3] = ["scenes", "report", "recommendation"];
 const FILES: [&str; 4] = ["run.json", "records.parquet", "summary.json", TIMING_FILE];
 
 /// What decides whether parts may be taken over.
