@@ -5,6 +5,7 @@
 //! cutoff, so declining does not pay.
 
 mod front;
+mod gather;
 mod pages;
 mod words;
 
@@ -14,13 +15,13 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 
 use crate::error::{Error, Result};
-use crate::record::{
-    Record, RunDescription, Timing, kind, read_records, read_run, read_timing, track,
-};
+use crate::record::{Record, RunDescription, Timing, read_records, read_run, read_timing, track};
 use crate::report::contest::warning;
-use crate::report::gospa::{Cost, root_mean};
+use crate::report::gospa::root_mean;
 use crate::report::refinement::Estimate;
 use crate::stats::{Bootstrap, holm, sign_flips};
+
+use gather::{Group, Methods, Scenes, Splits};
 
 pub use pages::write;
 pub use words::{table, unit_words};
@@ -147,25 +148,6 @@ pub struct Candidate {
     pub p: Option<f64>,
 }
 
-/// Of each scene the squared error of all corners \[px^2\], and the corners asked for.
-type Scenes = BTreeMap<String, [f64; 2]>;
-
-/// A method's scenes of dev and of test.
-#[derive(Clone, Debug, Default)]
-struct Splits {
-    dev: Scenes,
-    test: Scenes,
-}
-
-/// What is judged together: camera, track, disc, class.
-#[derive(Clone, Debug, PartialEq)]
-struct Group {
-    camera: String,
-    track: String,
-    seed_disc_px: Option<f64>,
-    class: String,
-}
-
 /// Chooses among the methods of all runs together; a method may have been measured on dev in one run and on test in
 /// another.
 ///
@@ -176,19 +158,19 @@ pub fn recommend(
     budget_us: Option<f64>,
     class_by: ClassBy,
 ) -> Result<Recommendation> {
-    let pipelines = pipelines(runs)?;
-    refuse_twice(runs)?;
+    let pipelines = gather::pipelines(runs)?;
+    gather::refuse_twice(runs)?;
     if budget_us.is_some() && runs.iter().all(|one| one.timing.is_none()) {
         return Err(Error::Other(format!(
             "{}: no timing.json, so nothing is known to keep a budget; measure again without --no-timing, or leave \
              the budget out",
-            folders(runs)
+            gather::folders(runs)
         )));
     }
     for (split, other) in [("dev", "confirmed"), ("test", "chosen")] {
-        refuse_without(runs, split, other)?;
+        gather::refuse_without(runs, split, other)?;
     }
-    let mut groups = collect(runs, class_by);
+    let mut groups = gather::collect(runs, class_by);
     let order = |group: &Group| {
         let disc = group.seed_disc_px.map(f64::to_bits);
         (group.camera.clone(), group.track.clone(), disc, group.class != ALL, group.class.clone())
@@ -240,121 +222,6 @@ pub fn recommend(
     })
 }
 
-fn folders(runs: &[Measured]) -> String {
-    runs.iter().map(|one| one.folder.display().to_string()).collect::<Vec<_>>().join(", ")
-}
-
-/// The pipelines of all runs by name.
-fn pipelines(runs: &[Measured]) -> Result<BTreeMap<&str, &serde_json::Value>> {
-    let mut found: BTreeMap<&str, (&serde_json::Value, &Measured)> = BTreeMap::new();
-    let rule = |run: &RunDescription| [run.gate_px, run.least_edge_px, run.most_bound_px];
-    for one in runs {
-        if rule(&one.run) != rule(&runs[0].run) {
-            return Err(Error::Other(format!(
-                "{} and {}: gate_px, least_edge_px and most_bound_px are {:?} and {:?}; only runs that ask for the \
-                 same corners can be taken together",
-                runs[0].folder.display(),
-                one.folder.display(),
-                rule(&runs[0].run),
-                rule(&one.run),
-            )));
-        }
-        for pipeline in &one.run.pipelines {
-            let Some(name) = pipeline["name"].as_str() else { continue };
-            let (first, other) = *found.entry(name).or_insert((pipeline, one));
-            if first != pipeline {
-                return Err(Error::Other(format!(
-                    "{} and {}: two pipelines are called {name:?}, with other algorithms or parameters; rename one \
-                     of them in its plan and measure it again",
-                    other.folder.display(),
-                    one.folder.display(),
-                )));
-            }
-        }
-    }
-    Ok(found.into_iter().map(|(name, (pipeline, _))| (name, pipeline)).collect())
-}
-
-/// Refuses a scene that was measured twice by one method.
-fn refuse_twice(runs: &[Measured]) -> Result<()> {
-    let mut seen: BTreeMap<(&str, &str, &str, &str), &Path> = BTreeMap::new();
-    for one in runs {
-        for record in one.records.iter().filter(|record| record.kind != kind::SCENE) {
-            let key = (
-                record.suite.as_str(),
-                record.scene.as_str(),
-                record.camera.as_str(),
-                record.method.as_str(),
-            );
-            let first = *seen.entry(key).or_insert(&one.folder);
-            if !std::ptr::eq(first, one.folder.as_path()) {
-                return Err(Error::Other(format!(
-                    "{} and {}: both have scene {} by {}, {}; name one of them only",
-                    first.display(),
-                    one.folder.display(),
-                    key.1,
-                    key.3,
-                    key.2,
-                )));
-            }
-        }
-    }
-    Ok(())
-}
-
-/// Refuses runs without a scene of a split.
-fn refuse_without(runs: &[Measured], split: &str, other: &str) -> Result<()> {
-    let is_there = |record: &Record| record.split.as_deref() == Some(split);
-    if runs.iter().flat_map(|one| &one.records).any(is_there) {
-        return Ok(());
-    }
-    let plan = runs.first().map_or("PLAN", |one| one.run.plan.as_str());
-    Err(Error::Other(format!(
-        "{}: no scenes of split {split}; what is {other} on one split must be {} on the other. Measure these, too: \
-         cornerbench measure {plan} DATASET --split {split} -o OTHER; then cornerbench recommend {} OTHER",
-        folders(runs),
-        if other == "chosen" { "confirmed" } else { "chosen" },
-        runs.iter().map(|one| one.folder.display().to_string()).collect::<Vec<_>>().join(" "),
-    )))
-}
-
-/// The methods of a group.
-type Methods = Vec<(String, Splits)>;
-
-/// The sums of each scene, by what is judged together and by method.
-fn collect(runs: &[Measured], class_by: ClassBy) -> Vec<(Group, Methods)> {
-    let mut found: Vec<(Group, BTreeMap<&str, Splits>)> = Vec::new();
-    let is_judged =
-        |record: &&Record| [kind::CORNER, kind::FALSE_CORNER].contains(&record.kind.as_str());
-    for record in runs.iter().flat_map(|one| &one.records).filter(is_judged) {
-        let cost = Cost::of(record);
-        let scene = format!("{}/{}", record.suite, record.scene);
-        for class in [Some(ALL), class_by.of(record)].into_iter().flatten() {
-            let group = Group {
-                camera: record.camera.clone(),
-                track: record.track.clone(),
-                seed_disc_px: record.seed_disc_px,
-                class: class.to_owned(),
-            };
-            let index = found.iter().position(|(other, _)| *other == group).unwrap_or_else(|| {
-                found.push((group, BTreeMap::new()));
-                found.len() - 1
-            });
-            let splits = found[index].1.entry(&record.method).or_default();
-            let scenes = match record.split.as_deref() {
-                Some("dev") => &mut splits.dev,
-                Some("test") => &mut splits.test,
-                _ => continue,
-            };
-            let sums = scenes.entry(scene.clone()).or_default();
-            sums[0] += cost.square_px2();
-            sums[1] += cost.asked;
-        }
-    }
-    let owned = |(name, splits): (&str, Splits)| (name.to_owned(), splits);
-    found.into_iter().map(|(group, of)| (group, of.into_iter().map(owned).collect())).collect()
-}
-
 /// The choice among a group's methods, on the scenes that all of them have; none where there are no such scenes.
 fn choose(
     group: &Group,
@@ -402,6 +269,7 @@ fn choose(
     let chosen = candidates.iter().position(|(candidate, _)| candidate.keeps_budget);
     if let Some(chosen) = chosen {
         confirm(&mut candidates, chosen, group);
+        warnings.extend(mostly_false(&candidates[chosen], group));
     }
     let candidates: Vec<Candidate> = candidates.into_iter().map(|(one, _)| one).collect();
     let best_px = chosen.map_or(f64::INFINITY, |index| candidates[index].test_px.value);
@@ -445,8 +313,24 @@ fn shared(all: &[Scenes]) -> Vec<Scenes> {
 
 /// Root mean square error per corner asked for \[px\], with its interval over scenes.
 fn figure(scenes: &Scenes) -> Option<Estimate> {
-    let sums: Vec<[f64; 2]> = scenes.values().copied().collect();
+    let sums: Vec<[f64; 3]> = scenes.values().copied().collect();
     root_mean(&sums, &|sums| sums[0], &|sums| sums[1])
+}
+
+/// Says where false answers hide what methods differ by.
+fn mostly_false((chosen, test): &(Candidate, &Scenes), group: &Group) -> Option<String> {
+    let sum = |of: usize| test.values().map(|sums| sums[of]).sum::<f64>();
+    let share = sum(2) / sum(0);
+    let is_worth_saying = group.class == ALL && group.track == track::END_TO_END && share > 0.5;
+    is_worth_saying.then(|| {
+        format!(
+            "{}: {:.0} % of the squared error of {} are false answers; with a higher threshold its detector would \
+             gain more than by any refiner",
+            words::given(group),
+            100.0 * share,
+            chosen.method
+        )
+    })
 }
 
 /// Compares all that keep the budget with the chosen one, scene by scene on test.
@@ -478,5 +362,203 @@ fn confirm(candidates: &mut [(Candidate, &Scenes)], chosen: usize, group: &Group
     let p_values: Vec<f64> = compared.iter().filter_map(|index| candidates[*index].0.p).collect();
     for (index, p) in compared.into_iter().zip(holm(&p_values)) {
         candidates[index].0.p = Some(p);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::record::{kind, status};
+
+    /// A corner of one of 24 scenes of a split, by a method alone, that far off.
+    fn row(method: &str, split: &str, scene: u8, error_px: f64) -> Record {
+        Record {
+            suite: "suite".into(),
+            scene: format!("{split}-{scene:02}"),
+            family: if scene.is_multiple_of(2) { "wall" } else { "paper" }.into(),
+            split: Some(split.into()),
+            camera: "ideal".into(),
+            exposure: Some(0),
+            method: method.into(),
+            track: track::REFINEMENT.into(),
+            seed_disc_px: Some(1.0),
+            kind: kind::CORNER.into(),
+            status: status::OK.into(),
+            corner_index: Some(0),
+            junction: Some("L".into()),
+            refine_status: Some("ok".into()),
+            refined_error_px: Some(error_px),
+            ..Record::default()
+        }
+    }
+
+    /// Methods with their errors on dev and on test \[px\] and their times \[us\].
+    fn measured(methods: &[(&str, f64, f64, f64)], is_timed: bool) -> Measured {
+        let mut records = Vec::new();
+        for (name, dev_px, test_px, _) in methods {
+            for scene in 0..24 {
+                let hard = 1.0 + 0.1 * f64::from(scene % 5);
+                records.push(row(name, "dev", scene, dev_px * hard));
+                records.push(row(name, "test", scene, test_px * hard));
+            }
+        }
+        let pipeline = |(name, ..): &(&str, f64, f64, f64)| {
+            serde_json::json!({
+                "name": name,
+                "seeds": { "disc_px": 1.0 },
+                "target": null,
+                "refine": { "algorithm": name, "version": 1, "parameters": { "seeds": 60, "k": 4.0 } },
+            })
+        };
+        let run = serde_json::json!({
+            "cornerbench_version": "", "plan": "plan", "cameras": {}, "phases": 1, "repeats": 1,
+            "pipelines": methods.iter().map(pipeline).collect::<Vec<_>>(),
+            "suite": "suite", "scenes": [], "shard": null, "unreadable": [], "identity_sha256": "",
+            "range_sensor_model": {}, "range_sensor": "", "gate_px": 5.0, "least_edge_px": 3.0,
+            "most_bound_px": 0.5, "command": "", "machine": "", "renderers": [],
+        });
+        let time = |(name, _, _, us): &(&str, f64, f64, f64)| {
+            let spread = |us: &f64| serde_json::json!({ "median": us, "lower_quartile": us, "upper_quartile": us });
+            serde_json::json!({
+                "camera": "ideal", "method": name, "photographs": 1, "corners": 2.0,
+                "detect_us": spread(&0.0), "refine_us": spread(&(2.0 * us)),
+                "grasp_us": spread(&0.0), "whole_us": spread(&(2.0 * us)),
+            })
+        };
+        let timing = serde_json::json!({
+            "cornerbench_version": "", "machine": "", "threads": 1, "clock_resolution_us": 0.02,
+            "rounds": 5, "scenes": [], "methods": methods.iter().map(time).collect::<Vec<_>>(),
+        });
+        Measured {
+            folder: "RUN".into(),
+            run: serde_json::from_value(run).expect("a run"),
+            records,
+            timing: is_timed.then(|| serde_json::from_value(timing).expect("times")),
+        }
+    }
+
+    fn all(methods: &[(&str, f64, f64, f64)], budget_us: Option<f64>) -> Choice {
+        let found = recommend(&[measured(methods, true)], budget_us, ClassBy::Family);
+        found.expect("a choice").choices.swap_remove(0)
+    }
+
+    const METHODS: [(&str, f64, f64, f64); 4] = [
+        ("fast", 0.4, 0.4, 1.0),
+        ("dominated", 0.5, 0.5, 10.0),
+        ("middle", 0.2, 0.2, 20.0),
+        ("slow", 0.1, 0.1, 500.0),
+    ];
+
+    #[test]
+    fn the_front_has_no_method_that_another_beats_in_both() {
+        let choice = all(&METHODS, None);
+        let front = choice.candidates.iter().filter(|one| one.is_on_front);
+        let front: Vec<&str> = front.map(|one| one.method.as_str()).collect();
+        assert_eq!(front, ["slow", "middle", "fast"]);
+        assert_eq!((choice.dev_scenes, choice.test_scenes), (24, 24));
+        assert_eq!(choice.chosen.as_deref(), Some("slow"));
+        assert!(choice.better_on_test.is_empty());
+        // Per corner: half of what the two of a photograph take.
+        assert_eq!(choice.candidates[0].time_us, Some(500.0));
+        let (table, left_out) = table(&choice);
+        assert_eq!(table.rows.len(), 3);
+        assert!(left_out.expect("one").starts_with("1 other"));
+    }
+
+    #[test]
+    fn the_best_that_keeps_the_budget_is_chosen_and_confirmed() {
+        let choice = all(&METHODS, Some(20.0));
+        assert_eq!(choice.chosen.as_deref(), Some("middle"));
+        let words = "us a corner. On test nothing that keeps the budget is surely better.";
+        assert!(choice.words.starts_with("middle: 0.2"), "{}", choice.words);
+        assert!(choice.words.ends_with(words), "{}", choice.words);
+        let nothing = all(&METHODS, Some(0.5));
+        assert_eq!(nothing.chosen, None);
+        assert!(nothing.words.contains("the fastest is fast, 1.00 us"), "{}", nothing.words);
+    }
+
+    #[test]
+    fn what_is_better_on_dev_and_worse_on_test_does_not_carry_over() {
+        let choice = all(&[("lucky", 0.1, 0.4, 1.0), ("steady", 0.2, 0.2, 1.0)], None);
+        assert_eq!(choice.chosen.as_deref(), Some("lucky"));
+        assert_eq!(choice.better_on_test, ["steady"]);
+        assert!(
+            choice.words.contains("On test steady is better by 50 % (p < 0.001)"),
+            "{}",
+            choice.words
+        );
+    }
+
+    #[test]
+    fn declining_does_not_pay_and_families_have_a_choice_each() {
+        let mut run = measured(&[("shy", 0.1, 0.1, 1.0), ("steady", 0.2, 0.2, 1.0)], true);
+        for record in &mut run.records {
+            if record.method == "shy" && record.family == "wall" {
+                record.refine_status = Some("singular".into());
+            }
+        }
+        let found = recommend(&[run], None, ClassBy::Family).expect("a choice");
+        let chosen: Vec<(&str, Option<&str>)> = found
+            .choices
+            .iter()
+            .map(|choice| (choice.class.as_str(), choice.chosen.as_deref()))
+            .collect();
+        let wanted = [(ALL, Some("steady")), ("paper", Some("shy")), ("wall", Some("steady"))];
+        assert_eq!(chosen, wanted);
+        let few = "paper, dev: 12 scenes: too few";
+        assert!(found.warnings.iter().any(|warning| warning.starts_with(few)));
+        assert!(!found.warnings.iter().any(|warning| warning.starts_with("dev")));
+        let toml = &found.pipelines["steady"];
+        assert!(toml.starts_with("[[pipelines]]\nname = \"steady\""), "{toml}");
+        let plan: toml::Table = toml.parse().expect("TOML");
+        let stage = &plan["pipelines"][0]["refine"];
+        assert_eq!(stage["algorithm"].as_str(), Some("steady"));
+        assert_eq!((stage["seeds"].as_integer(), stage["k"].as_float()), (Some(60), Some(4.0)));
+        assert_eq!(plan["pipelines"][0].get("target"), None);
+    }
+
+    #[test]
+    fn runs_that_cannot_be_taken_together_say_why() {
+        let whole = measured(&METHODS, true);
+        let words = |runs: &[Measured], budget_us: Option<f64>| {
+            recommend(runs, budget_us, ClassBy::Family).expect_err("an error").chain()
+        };
+        let of_split = |split: &str| {
+            let mut part = Measured { folder: split.into(), ..whole.clone() };
+            part.records.retain(|record| record.split.as_deref() == Some(split));
+            part
+        };
+        let [dev, test] = ["dev", "test"].map(of_split);
+        let without_test = words(std::slice::from_ref(&dev), None);
+        assert!(without_test.contains("no scenes of split test"), "{without_test}");
+        assert!(without_test.contains("measure plan DATASET --split test"), "{without_test}");
+        assert!(words(std::slice::from_ref(&test), None).contains("no scenes of split dev"));
+        assert!(words(&[whole.clone(), dev.clone()], None).contains("both have scene dev-00 by"));
+        assert!(recommend(&[dev, test], None, ClassBy::Family).is_ok());
+
+        let untimed = measured(&METHODS, false);
+        assert!(words(&[untimed], Some(1.0)).contains("measure again without --no-timing"));
+        let untimed = recommend(&[measured(&METHODS, false)], None, ClassBy::Junction);
+        let untimed = untimed.expect("a choice");
+        assert!(untimed.warnings[0].contains("no front"), "{:?}", untimed.warnings);
+        assert_eq!(untimed.choices.len(), 1, "a class that is all there is says no more");
+
+        let mut other = Measured { folder: "OTHER".into(), ..whole.clone() };
+        other.run.pipelines[0]["refine"]["parameters"]["k"] = 5.0.into();
+        assert!(words(&[whole.clone(), other], None).contains("two pipelines are called \"fast\""));
+        let mut other = Measured { folder: "OTHER".into(), ..whole.clone() };
+        other.run.gate_px = 3.0;
+        assert!(words(&[whole, other], None).contains("ask for the same corners"));
+    }
+
+    #[test]
+    fn a_picture_is_drawn_of_times_only() {
+        let choice = all(&METHODS, None);
+        let svg = front::draw(&choice, Some(20.0)).expect("a picture").expect("times");
+        assert!(svg.contains("middle") && !svg.contains("dominated"));
+        let untimed = recommend(&[measured(&METHODS, false)], None, ClassBy::Family);
+        let choice = &untimed.expect("a choice").choices[0];
+        assert!(front::draw(choice, None).expect("no picture").is_none());
+        assert_eq!(table(choice).0.header, ["method", "dev px", "test px (95 %)"]);
     }
 }

@@ -71,6 +71,8 @@ pub(super) fn draw(choice: &Choice, budget_us: Option<f64>) -> Result<Option<Str
         chart
             .configure_mesh()
             .light_line_style(TRANSPARENT)
+            .label_style(("sans-serif", 13))
+            .axis_desc_style(("sans-serif", 14))
             .x_desc(format!("us a {unit}"))
             .y_desc("px per corner asked for, on dev")
             .x_label_formatter(&|value| three_digits(Some(*value)))

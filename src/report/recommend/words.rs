@@ -110,23 +110,32 @@ pub fn table(choice: &Choice) -> (Words, Option<String>) {
         shown.sort_by(|a, b| a.time_us.unwrap_or(0.0).total_cmp(&b.time_us.unwrap_or(0.0)));
     }
     let left_out = choice.candidates.len() - shown.len();
+    let more = if left_out == 1 { "1 other".to_owned() } else { format!("{left_out} others") };
     let words = if has_front {
-        "of as many others each is slower and no nearer on dev than one of these, or has no time"
+        format!(
+            "{more} not shown: no faster and no nearer on dev than one of these, or without a time"
+        )
     } else {
-        "as many others are farther off on dev"
+        format!("{more} not shown: farther off on dev")
     };
     let row = |one: &&Candidate| {
-        vec![
-            format!("{}{}", one.method, if is_chosen(one) { " *" } else { "" }),
-            one.time_us.map_or_else(|| "-".to_owned(), time_words),
-            three_digits(Some(one.dev_px.value)),
-            interval(one.test_px).replace(" px", ""),
-        ]
+        let time = one.time_us.map_or_else(|| "-".to_owned(), time_words);
+        [format!("{}{}", one.method, if is_chosen(one) { " *" } else { "" })]
+            .into_iter()
+            .chain(has_front.then_some(time))
+            .chain([three_digits(Some(one.dev_px.value)), interval(one.test_px).replace(" px", "")])
+            .collect()
     };
     let time = format!("time a {}", unit_words(&choice.track));
-    let header = ["method", &time, "dev px", "test px (95 %)"].map(str::to_owned).to_vec();
+    let header = [
+        Some("method"),
+        has_front.then_some(time.as_str()),
+        Some("dev px"),
+        Some("test px (95 %)"),
+    ];
+    let header = header.into_iter().flatten().map(str::to_owned).collect();
     let table = Words { header, rows: shown.iter().map(row).collect() };
-    (table, (left_out > 0).then(|| format!("{left_out} more: {words}")))
+    (table, (left_out > 0).then_some(words))
 }
 
 /// A pipeline of run.json as a plan has it.
