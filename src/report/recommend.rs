@@ -211,12 +211,15 @@ pub fn recommend(
     }
     let best = choices.iter().filter(|choice| choice.class == ALL);
     let best: BTreeSet<&String> = best.filter_map(|choice| choice.chosen.as_ref()).collect();
-    let toml = |name: &String| Ok((name.clone(), words::toml_of(&pipelines[name.as_str()])?));
+    let toml = |name: &String| {
+        let pipeline = pipelines.get(name.as_str());
+        pipeline.map(|pipeline| Ok((name.clone(), words::toml_of(pipeline)?)))
+    };
     Ok(Recommendation {
         runs: runs.iter().map(|one| one.folder.clone()).collect(),
         budget_us,
         class_by,
-        pipelines: best.into_iter().map(toml).collect::<Result<_>>()?,
+        pipelines: best.into_iter().filter_map(toml).collect::<Result<_>>()?,
         choices,
         warnings: warnings.into_iter().collect(),
     })

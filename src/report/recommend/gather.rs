@@ -35,12 +35,15 @@ pub(super) fn folders(runs: &[Measured]) -> String {
 /// The pipelines of all runs by name.
 pub(super) fn pipelines(runs: &[Measured]) -> Result<BTreeMap<&str, &serde_json::Value>> {
     let mut found: BTreeMap<&str, (&serde_json::Value, &Measured)> = BTreeMap::new();
-    let rule = |run: &RunDescription| [run.gate_px, run.least_edge_px, run.most_bound_px];
+    let rule = |run: &RunDescription| {
+        let RunDescription { gate_px, least_edge_px, most_bound_px, .. } = run;
+        format!("{gate_px}, {least_edge_px} and {most_bound_px}")
+    };
     for one in runs {
         if rule(&one.run) != rule(&runs[0].run) {
             return Err(Error::Other(format!(
-                "{} and {}: gate_px, least_edge_px and most_bound_px are {:?} and {:?}; only runs that ask for the \
-                 same corners can be taken together",
+                "{} and {}: gate_px, least_edge_px and most_bound_px are {} in the first, {} in the other; only \
+                 runs that ask for the same corners can be taken together",
                 runs[0].folder.display(),
                 one.folder.display(),
                 rule(&runs[0].run),
