@@ -133,7 +133,9 @@ pub struct Candidate {
     pub method: String,
     /// What it takes: end to end per photograph, of a refiner alone per corner \[us\].
     pub time_us: Option<f64>,
-    /// Whether that is within the budget; without a budget it is.
+    /// Whether it leaves given seeds where they are: their error is the plan's, so it is no method to choose.
+    pub is_control: bool,
+    /// Whether its time is within the budget; without a budget it is.
     pub keeps_budget: bool,
     /// Whether none is as fast and nearer, by the errors on dev.
     pub is_on_front: bool,
@@ -198,10 +200,26 @@ pub fn recommend(
     let mut warnings = BTreeSet::new();
     let mut choices = Vec::new();
     for (group, methods) in groups.iter().filter(|(group, _)| !is_all_there_is(group)) {
+        let is_control = |method: &str| {
+            let refiner = pipelines.get(method).map(|pipeline| &pipeline["refine"]["algorithm"]);
+            group.track == track::REFINEMENT && refiner.is_some_and(|refiner| refiner == "none")
+        };
         let (choice, warned) =
-            choose(group, methods, budget_us, &|method| times(&group.camera, method));
+            choose(group, methods, budget_us, &is_control, &|method| times(&group.camera, method));
         warnings.extend(warned);
         choices.extend(choice);
+    }
+    // In one line: most classes have few.
+    let is_small = |choice: &&Choice| {
+        choice.class != ALL && warning(choice.dev_scenes.min(choice.test_scenes)).is_some()
+    };
+    let small: BTreeSet<&str> =
+        choices.iter().filter(is_small).map(|choice| choice.class.as_str()).collect();
+    if !small.is_empty() {
+        let small = small.into_iter().collect::<Vec<_>>().join(", ");
+        warnings.insert(format!(
+            "too few scenes of dev or test to be sure of a choice of their own: {small}"
+        ));
     }
     if runs.iter().all(|one| one.timing.is_none()) {
         warnings.insert(
@@ -230,6 +248,7 @@ fn choose(
     group: &Group,
     methods: &Methods,
     budget_us: Option<f64>,
+    is_control: &dyn Fn(&str) -> bool,
     time_us: &dyn Fn(&str) -> Option<f64>,
 ) -> (Option<Choice>, Vec<String>) {
     let mut warnings = Vec::new();
@@ -253,6 +272,7 @@ fn choose(
             let candidate = Candidate {
                 method: name.clone(),
                 time_us,
+                is_control: is_control(name),
                 keeps_budget: keeps(time_us),
                 is_on_front: false,
                 dev_px: figure(dev)?,
@@ -264,12 +284,14 @@ fn choose(
         })
         .collect();
     if candidates.is_empty() {
-        warnings.push(format!("{}: no corners on both splits", words::given(group)));
+        if group.class == ALL {
+            warnings.push(format!("{}: no corners on both splits", words::given(group)));
+        }
         return (None, warnings);
     }
     candidates.sort_by(|(a, _), (b, _)| a.dev_px.value.total_cmp(&b.dev_px.value));
     front::mark(&mut candidates.iter_mut().map(|(candidate, _)| candidate).collect::<Vec<_>>());
-    let chosen = candidates.iter().position(|(candidate, _)| candidate.keeps_budget);
+    let chosen = candidates.iter().position(|(candidate, _)| candidate.can_be_chosen());
     if let Some(chosen) = chosen {
         confirm(&mut candidates, chosen, group);
         warnings.extend(mostly_false(&candidates[chosen], group));
@@ -297,12 +319,18 @@ fn choose(
         words: String::new(),
     };
     choice.words = words::sentence(&choice, budget_us);
-    for (split, scenes) in [("dev", choice.dev_scenes), ("test", choice.test_scenes)] {
-        let of_class = (group.class != ALL).then_some(group.class.as_str());
-        let place = of_class.map_or_else(|| split.to_owned(), |class| format!("{class}, {split}"));
-        warnings.extend(warning(scenes).map(|words| format!("{place}: {words}")));
+    if group.class == ALL {
+        for (split, scenes) in [("dev", choice.dev_scenes), ("test", choice.test_scenes)] {
+            warnings.extend(warning(scenes).map(|words| format!("{split}: {words}")));
+        }
     }
     (Some(choice), warnings)
+}
+
+impl Candidate {
+    fn can_be_chosen(&self) -> bool {
+        self.keeps_budget && !self.is_control
+    }
 }
 
 /// Of each the scenes that all have.
@@ -348,7 +376,7 @@ fn confirm(candidates: &mut [(Candidate, &Scenes)], chosen: usize, group: &Group
     let of_chosen = logs(candidates[chosen].1);
     let mut compared = Vec::new();
     for (index, (candidate, scenes)) in candidates.iter_mut().enumerate() {
-        if index == chosen || !candidate.keeps_budget {
+        if index == chosen || !candidate.can_be_chosen() {
             continue;
         }
         let differences: Vec<f64> =
@@ -508,8 +536,8 @@ mod tests {
             .collect();
         let wanted = [(ALL, Some("steady")), ("paper", Some("shy")), ("wall", Some("steady"))];
         assert_eq!(chosen, wanted);
-        let few = "paper, dev: 12 scenes: too few";
-        assert!(found.warnings.iter().any(|warning| warning.starts_with(few)));
+        let few = "choice of their own: paper, wall";
+        assert!(found.warnings.iter().any(|warning| warning.ends_with(few)));
         assert!(!found.warnings.iter().any(|warning| warning.starts_with("dev")));
         let toml = &found.pipelines["steady"];
         assert!(toml.starts_with("[[pipelines]]\nname = \"steady\""), "{toml}");
@@ -518,6 +546,14 @@ mod tests {
         assert_eq!(stage["algorithm"].as_str(), Some("steady"));
         assert_eq!((stage["seeds"].as_integer(), stage["k"].as_float()), (Some(60), Some(4.0)));
         assert_eq!(plan["pipelines"][0].get("target"), None);
+    }
+
+    #[test]
+    fn to_leave_seeds_where_they_are_is_no_choice_but_is_said() {
+        let choice = all(&[("none", 0.1, 0.1, 0.1), ("steady", 0.2, 0.2, 1.0)], None);
+        assert_eq!(choice.chosen.as_deref(), Some("steady"));
+        assert!(choice.better_on_test.is_empty());
+        assert!(choice.words.contains("Seeds left where they are"), "{}", choice.words);
     }
 
     #[test]

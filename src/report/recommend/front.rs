@@ -27,7 +27,7 @@ pub(super) fn mark(candidates: &mut [&mut Candidate]) {
     }
 }
 
-/// Draws error against time, both logarithmic, as an SVG: the front in blue with its names, the chosen method in red,
+/// Draws error against time, that one logarithmic, as an SVG: the front in blue with its names, the chosen method in red,
 /// the rest in grey, the budget as a line. `None` where no method has a time.
 ///
 /// # Errors
@@ -42,18 +42,13 @@ pub(super) fn draw(choice: &Choice, budget_us: Option<f64>) -> Result<Option<Str
     if points.is_empty() {
         return Ok(None);
     }
-    let range = |value: &dyn Fn(&(f64, f64, &Candidate)) -> f64, more: Option<f64>| {
-        let values = || points.iter().map(value).chain(more);
-        let least = values().fold(f64::INFINITY, f64::min);
-        let most = values().fold(0.0, f64::max);
-        // Room about the outermost points.
-        let margin = (most / least).powf(0.08).max(1.1);
-        least / margin..most * margin
-    };
-    let times = range(&|point| point.0, budget_us);
-    // Names stand to the right of their points.
-    let times = times.start..times.end * (times.end / times.start).powf(0.25);
-    let errors = range(&|point| point.1, None);
+    let times_us = || points.iter().map(|point| point.0).chain(budget_us);
+    let least_us = times_us().fold(f64::INFINITY, f64::min);
+    let most_us = times_us().fold(0.0, f64::max);
+    // Room about the outermost points, more to the right: names stand there.
+    let margin = (most_us / least_us).powf(0.08).max(1.2);
+    let times = least_us / margin..most_us * margin.powi(4);
+    let most_px = 1.1 * points.iter().map(|point| point.1).fold(0.0, f64::max);
     let mut text = String::new();
     let failed = |error: DrawingAreaErrorKind<_>| {
         Error::Other(format!("the picture of error against time: {error}"))
@@ -65,12 +60,14 @@ pub(super) fn draw(choice: &Choice, budget_us: Option<f64>) -> Result<Option<Str
             .margin(12)
             .x_label_area_size(40)
             .y_label_area_size(56)
-            .build_cartesian_2d(times.log_scale(), errors.clone().log_scale())
+            .build_cartesian_2d(times.log_scale(), 0.0..most_px)
             .map_err(failed)?;
         let unit = super::unit_words(&choice.track);
         chart
             .configure_mesh()
             .light_line_style(TRANSPARENT)
+            .x_labels(5)
+            .y_labels(6)
             .label_style(("sans-serif", 13))
             .axis_desc_style(("sans-serif", 14))
             .x_desc(format!("us a {unit}"))
@@ -80,7 +77,7 @@ pub(super) fn draw(choice: &Choice, budget_us: Option<f64>) -> Result<Option<Str
             .draw()
             .map_err(failed)?;
         if let Some(budget_us) = budget_us {
-            let line = [(budget_us, errors.start), (budget_us, errors.end)];
+            let line = [(budget_us, 0.0), (budget_us, most_px)];
             chart.draw_series(LineSeries::new(line, CHOSEN)).map_err(failed)?;
         }
         let mut front: Vec<(f64, f64)> = points

@@ -52,7 +52,8 @@ pub(super) fn sentence(choice: &Choice, budget_us: Option<f64>) -> String {
     let of_name = |name: &str| choice.candidates.iter().find(|one| one.method == name);
     let Some(chosen) = choice.chosen.as_deref().and_then(of_name) else {
         let budget = budget_us.map_or_else(String::new, |us| format!(" {}", time_words(us)));
-        let times = choice.candidates.iter().filter_map(|one| Some((one.time_us?, &one.method)));
+        let others = choice.candidates.iter().filter(|one| !one.is_control);
+        let times = others.filter_map(|one| Some((one.time_us?, &one.method)));
         let fastest = times.min_by(|a, b| a.0.total_cmp(&b.0)).map_or_else(
             || "no time of any is known".to_owned(),
             |(us, name)| format!("the fastest is {name}, {}", time_words(us)),
@@ -74,8 +75,14 @@ pub(super) fn sentence(choice: &Choice, budget_us: Option<f64>) -> String {
             )
         }
     };
+    let control = choice.candidates.iter().find(|one| one.is_control);
+    let control = control.filter(|control| control.dev_px.value < chosen.dev_px.value);
+    let control = control.map_or_else(String::new, |control| {
+        let px = three_digits(Some(control.dev_px.value));
+        format!(" Seeds left where they are: {px} px on dev: lost corners cost more than it gains.")
+    });
     format!(
-        "{}: {} px on dev, {} on test{time}. {verdict}",
+        "{}: {} px on dev, {} on test{time}. {verdict}{control}",
         chosen.method,
         three_digits(Some(chosen.dev_px.value)),
         interval(chosen.test_px),
