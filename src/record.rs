@@ -2,6 +2,8 @@
 //!
 //! The columns are described in `scenes/FORMAT.md`. A value that does not apply is null, never NaN.
 
+mod timing;
+
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -21,6 +23,8 @@ use serde::{Deserialize, Serialize};
 use crate::error::{Error, Result};
 use crate::geometry::ImagePoint;
 use crate::sensor::{CameraModel, RangeSensor};
+
+pub use timing::{MethodTime, Spread, TIMING_FILE, Timing, read_timing};
 
 /// Version of the columns.
 pub const RECORD_VERSION: i32 = 5;

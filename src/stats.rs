@@ -85,6 +85,15 @@ impl OperatingPoint {
         let sum = self.precision + self.recall;
         if sum > 0.0 { 2.0 * self.precision * self.recall / sum } else { 0.0 }
     }
+
+    /// Of a curve, the highest threshold first, the point where that mean is largest; of equally good ones that with
+    /// the higher threshold. `None` of an empty curve.
+    pub fn best(curve: &[Self]) -> Option<Self> {
+        curve.iter().fold(None, |best: Option<Self>, point| match best {
+            Some(best) if best.f1() >= point.f1() => Some(best),
+            _ => Some(*point),
+        })
+    }
 }
 
 /// Precision and recall at every threshold that makes a difference, the highest first: `answers` are the

@@ -28,6 +28,9 @@ pub(super) struct Options {
     /// Say what would be measured and how long it may take, and end. One scene is measured for that.
     #[arg(long)]
     list: bool,
+    /// Leave out the times that pipelines take, measured after all else on one thread.
+    #[arg(long)]
+    no_timing: bool,
     /// The run's folder; out/PLAN-SUITE, with split and shard behind it, where this is not given.
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
@@ -73,7 +76,7 @@ pub(super) fn run(global: &Global, options: &Options) -> Result<Ended> {
             .map_or(String::new(), |Shard { first, count }| format!("-{first}of{count}"));
         PathBuf::from("out").join(format!("{}{suite}{split}{shard}", options.plan))
     });
-    measure(global, &run, &output, options.shard.is_some())
+    measure(global, &run, &output, options.shard.is_some(), !options.no_timing)
 }
 
 /// Measures all scenes of a dataset by a plan, reports, and prints the table.
@@ -84,14 +87,24 @@ pub(super) fn measure_all(
     output: &Path,
 ) -> Result<Ended> {
     let plan = Plan::read(&project::recipes(global)?, plan)?;
-    measure(global, &Run::new(&plan, dataset, Choice::default()), output, false)
+    measure(global, &Run::new(&plan, dataset, Choice::default()), output, false, true)
 }
 
-fn measure(global: &Global, run: &Run, output: &Path, is_shard: bool) -> Result<Ended> {
+fn measure(
+    global: &Global,
+    run: &Run,
+    output: &Path,
+    is_shard: bool,
+    is_timed: bool,
+) -> Result<Ended> {
     let bar = counting(global, run.len());
     let outcome = run.measure(output, &command_line(), &|_| bar.inc(1));
     bar.finish_and_clear();
     let outcome = outcome?;
+    // Times are no reason to lose what was measured.
+    if is_timed && let Err(error) = run.time(output) {
+        global.say(format!("no times: {}", error.chain()));
+    }
     if outcome.resumed > 0 {
         let all = outcome.scenes + outcome.unreadable;
         global.say(format!("{} of {all} scenes had been measured already", outcome.resumed));

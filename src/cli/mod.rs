@@ -13,6 +13,7 @@ mod merge;
 mod progress;
 mod project;
 mod quickstart;
+mod recommend;
 mod render;
 mod report;
 mod schemas;
@@ -79,6 +80,8 @@ enum Command {
     Merge(merge::Options),
     /// Compare two runs of the same scenes: exit code 1 where a method became worse, and not by chance.
     Compare(compare::Options),
+    /// Say which method to use, within a time budget: chosen on scenes of split dev, confirmed on those of test.
+    Recommend(recommend::Options),
     /// Write the report of a run again, from its records.
     Report(report::Options),
     /// Check a dataset's integrity, and that renderer, reader and projection agree to 0.01 px.
@@ -134,6 +137,7 @@ fn run(arguments: &Arguments) -> Result<Ended> {
         Command::Measure(options) => measure::run(global, options),
         Command::Merge(options) => merge::run(global, options),
         Command::Compare(options) => compare::run(global, options),
+        Command::Recommend(options) => recommend::run(global, options),
         Command::Report(options) => report::run(global, options),
         Command::Verify(options) => verify::run(global, options),
         Command::Expose(options) => expose::run(global, options),

@@ -83,7 +83,7 @@ pub(super) fn run(global: &Global, options: &Options) -> Result<Ended> {
     let known = if unreadable.is_empty() {
         let camera = read_camera(&project::recipes(global)?, &options.camera)?;
         let records = known_answers(&dataset, camera)?;
-        summarise(&records).methods.iter().map(KnownAnswer::of).collect()
+        summarise(&records, 5.0).methods.iter().map(KnownAnswer::of).collect()
     } else {
         Vec::new()
     };

@@ -258,7 +258,7 @@ mod tests {
     #[test]
     fn who_is_better_is_found_with_its_ratio_and_chance_is_not() {
         let rows = rows();
-        let contests = summarise(&rows).contests;
+        let contests = summarise(&rows, 5.0).contests;
         assert_eq!(contests.len(), 1);
         let contest = &contests[0];
         assert_eq!((contest.corners, contest.scenes), (120, 30));
@@ -287,7 +287,7 @@ mod tests {
                 record.refine_status = Some("diverged".into());
             }
         }
-        let contest = &summarise(&rows).contests[0];
+        let contest = &summarise(&rows, 5.0).contests[0];
         assert_eq!((contest.corners, contest.scenes), (116, 29));
         assert_eq!(contest.left_out, ["c"]);
     }
@@ -295,7 +295,7 @@ mod tests {
     #[test]
     fn few_scenes_are_warned_of() {
         let rows: Vec<Record> = rows().into_iter().filter(|r| r.scene.as_str() < "05").collect();
-        let warning = summarise(&rows).contests[0].warning.clone().expect("five scenes");
+        let warning = summarise(&rows, 5.0).contests[0].warning.clone().expect("five scenes");
         assert!(warning.starts_with("5 scenes: too few"), "{warning}");
     }
 }

@@ -8,7 +8,8 @@ use std::collections::{BTreeMap, HashMap};
 use serde::Serialize;
 
 use crate::record::{Record, kind, status};
-use crate::stats::{OperatingPoint, average_precision, precision_recall};
+use crate::report::gospa::{self, Gate, GospaSummary};
+use crate::stats::{OperatingPoint, average_precision, mean, precision_recall};
 
 /// How well a method tells corners from the rest.
 #[derive(Clone, Debug, Serialize)]
@@ -23,6 +24,14 @@ pub struct DetectionSummary {
     pub recall_by: Vec<Strata>,
     /// Answers where no corner asked for is, and false junctions, by their cause.
     pub causes: Vec<Cause>,
+    /// Near, missed and false ones in one number, of all answers.
+    pub gospa: GospaSummary,
+    /// The same of the answers that pass the best share of the strongest.
+    pub gospa_at_best: GospaSummary,
+    /// Right answers by how near they are; of a threshold on the share of the strongest.
+    pub gates: Vec<Gate>,
+    /// The mean of the gates' average precision; none where the plan's gate is narrower than all.
+    pub mean_average_precision: Option<f64>,
 }
 
 /// How a threshold is chosen.
@@ -110,9 +119,11 @@ const OCCLUDERS_PX: [(f64, &str); 3] =
 /// Points of a curve that are kept.
 const MOST_POINTS: usize = 200;
 
-/// Summarises the records of one method.
-pub fn summarise(records: &[&Record]) -> DetectionSummary {
+/// Summarises the records of one method, whose answers were matched within `gate_px`.
+pub fn summarise(records: &[&Record], gate_px: f64) -> DetectionSummary {
     let method = Method::new(records);
+    let gates = method.gates(gate_px);
+    let precisions: Vec<f64> = gates.iter().map(|gate| gate.average_precision).collect();
     let rules = [Rule::ShareOfStrongest, Rule::Response, Rule::Place];
     let sweeps = rules.map(|rule| method.sweep(rule));
     let best = sweeps[0].best.map(|point| point.threshold);
@@ -122,6 +133,10 @@ pub fn summarise(records: &[&Record]) -> DetectionSummary {
         recall_by: method.recall_by(best),
         causes: method.causes(best),
         sweeps: sweeps.into(),
+        gospa: gospa::summarise(records, |_| true),
+        gospa_at_best: gospa::summarise(records, |r| method.passes(r, r.response, best)),
+        gates,
+        mean_average_precision: mean(&precisions),
     }
 }
 
@@ -187,17 +202,25 @@ impl<'a> Method<'a> {
             .filter_map(|record| Some(self.score(rule, record, record.found_at_response?)))
             .collect();
         let curve = precision_recall(&answers, &right, self.corners().count());
-        // Of equally good points that with the higher threshold.
-        let better = |best: Option<OperatingPoint>, point: &OperatingPoint| match best {
-            Some(best) if best.f1() >= point.f1() => Some(best),
-            _ => Some(*point),
-        };
         Sweep {
             rule,
             average_precision: average_precision(&curve),
-            best: curve.iter().fold(None, better),
+            best: OperatingPoint::best(&curve),
             curve: thinned(&curve),
         }
+    }
+
+    /// Right answers by how near they are, where answers are of a threshold on the share of the strongest.
+    fn gates(&self, gate_px: f64) -> Vec<Gate> {
+        let score =
+            |record: &Record| Some(self.score(Rule::ShareOfStrongest, record, record.response?));
+        let answers: Vec<f64> = self.answers().filter_map(score).collect();
+        let pairs: Vec<(f64, &Record)> = self
+            .corners()
+            .filter(|record| record.status == status::OK)
+            .filter_map(|record| Some((score(record)?, record)))
+            .collect();
+        gospa::gates(&answers, &pairs, self.corners().count(), gate_px)
     }
 
     /// Whether a response passes a threshold on the share of the strongest.
@@ -354,7 +377,7 @@ mod tests {
 
     fn summary() -> DetectionSummary {
         let rows = rows();
-        summarise(&rows.iter().collect::<Vec<_>>())
+        summarise(&rows.iter().collect::<Vec<_>>(), 5.0)
     }
 
     #[test]

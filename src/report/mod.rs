@@ -6,7 +6,9 @@ mod curves;
 pub mod detection;
 pub mod drawn;
 mod figures;
+pub mod gospa;
 mod misses;
+pub mod recommend;
 pub mod refinement;
 mod splice;
 pub mod summary;
@@ -23,7 +25,9 @@ use serde_json::json;
 
 use crate::error::{Error, Result};
 use crate::files::{replace_folder, write_json, write_whole};
-use crate::record::{Record, RunDescription, kind, read_records, read_run, read_sketch};
+use crate::record::{
+    Record, RunDescription, kind, read_records, read_run, read_sketch, read_timing,
+};
 use crate::report::drawn::DrawnSummary;
 use crate::report::summary::{MethodSummary, Summary, summarise};
 use crate::report::words::Words;
@@ -60,6 +64,7 @@ impl Report {
         match &self.content {
             Content::Rendered(summary) => [
                 Some(("detectors", words::comparison(summary))),
+                Some(("gospa", words::gospa(summary))),
                 words::refinement(summary).map(|words| ("refiners", words)),
             ]
             .into_iter()
@@ -95,7 +100,7 @@ pub fn write(folder: &Path) -> Result<Report> {
         return Ok(Report { run, content: Content::Drawn(summary), page });
     }
     let records = read_records(&folder.join("records.parquet"))?;
-    let summary = summarise(&records);
+    let summary = Summary { timing: read_timing(folder)?, ..summarise(&records, run.gate_px) };
     write_json(&folder.join("summary.json"), &summary)?;
 
     let report = folder.join("report");
@@ -170,6 +175,7 @@ pub fn write(folder: &Path) -> Result<Report> {
         "run": run,
         "summary": summary,
         "comparison": words::comparison(&summary),
+        "gospa": words::gospa(&summary),
         "refinement": refinement,
         "contests": words::contests(&summary),
         "shifts": words::shifts(&summary),

@@ -8,6 +8,7 @@ use std::collections::BTreeMap;
 use serde::Serialize;
 
 use crate::record::{Record, kind, status};
+use crate::report::gospa::root_mean;
 use crate::stats::{self, Bootstrap, Interval};
 
 /// What a refiner made of the corners that it was given.
@@ -256,20 +257,17 @@ impl Refined {
 }
 
 /// The logarithm: on its scale squares are spread more evenly.
-fn log(value: Option<f64>) -> Option<f64> {
+pub(super) fn log(value: Option<f64>) -> Option<f64> {
     value.filter(|value| *value > 0.0).map(f64::ln)
 }
 
 /// The root of the ratio of two sums over scenes; its interval is that of the logarithm.
 fn rms(scenes: &[Sums], part: Sum, whole: Sum) -> Option<Estimate> {
-    let of_log = estimate(scenes, &|sums| log(ratio(sums, part, whole)));
-    let is_exact = scenes.iter().any(|sums| of(sums, whole) > 0.0);
-    let exact = is_exact.then_some(Estimate { value: 0.0, low: None, high: None });
-    of_log.map(|of_log| of_log.map(|log| (0.5 * log).exp())).or(exact)
+    root_mean(scenes, &|sums| of(sums, part), &|sums| of(sums, whole))
 }
 
 /// A statistic of the sums over scenes, with its interval.
-fn estimate<const K: usize>(
+pub(super) fn estimate<const K: usize>(
     scenes: &[[f64; K]],
     statistic: &dyn Fn(&[f64; K]) -> Option<f64>,
 ) -> Option<Estimate> {

@@ -5,7 +5,7 @@ use std::hash::Hash;
 
 use serde::Serialize;
 
-use crate::record::{Record, kind, status};
+use crate::record::{Record, Timing, kind, status};
 use crate::report::contest::{Contest, contests};
 use crate::report::detection::{self, DetectionSummary};
 use crate::report::refinement::{self, RefinementSummary};
@@ -20,6 +20,9 @@ pub struct Summary {
     pub methods: Vec<MethodSummary>,
     /// Those of them that were given the same, beside each other.
     pub contests: Vec<Contest>,
+    /// What pipelines took, where that was measured. Times are never the same twice: they are not in the file.
+    #[serde(skip)]
+    pub timing: Option<Timing>,
 }
 
 /// A scene that could not be read.
@@ -134,8 +137,8 @@ pub struct GraspSummary {
     pub median_lateral_error_mm: Option<f64>,
 }
 
-/// Summarises records.
-pub fn summarise(records: &[Record]) -> Summary {
+/// Summarises records whose answers were matched within `gate_px`.
+pub fn summarise(records: &[Record], gate_px: f64) -> Summary {
     let unreadable = records
         .iter()
         .filter(|record| record.kind == kind::SCENE)
@@ -151,14 +154,14 @@ pub fn summarise(records: &[Record]) -> Summary {
         let rows: Vec<&Record> =
             measured().filter(|r| r.method == method && r.camera == camera).collect();
         let label = if cameras.len() == 1 { method.into() } else { format!("{method}, {camera}") };
-        summarise_method(&rows, label)
+        summarise_method(&rows, label, gate_px)
     };
     let methods: Vec<MethodSummary> = methods.iter().map(of_method).collect();
     let contests = contests(&methods, records);
-    Summary { unreadable, methods, contests }
+    Summary { unreadable, methods, contests, timing: None }
 }
 
-fn summarise_method(records: &[&Record], label: String) -> MethodSummary {
+fn summarise_method(records: &[&Record], label: String, gate_px: f64) -> MethodSummary {
     let scenes = distinct(records.iter().map(|record| record.scene.as_str()))
         .iter()
         .map(|scene| {
@@ -189,7 +192,7 @@ fn summarise_method(records: &[&Record], label: String) -> MethodSummary {
         detector: records.first().and_then(|record| record.detector.clone()),
         refiner: of_first(|record| &record.refiner),
         corners: corners(records),
-        detection: detection::summarise(records),
+        detection: detection::summarise(records, gate_px),
         refinement: refinement::summarise(records),
         grasps: records.iter().any(|r| r.kind == kind::GRASP).then(|| grasps(records)),
         scenes,
@@ -281,7 +284,7 @@ mod tests {
             corner(status::HIDDEN, None),
             Record { kind: kind::SCENE.into(), reason: Some("gone".into()), ..Record::default() },
         ];
-        let summary = summarise(&records);
+        let summary = summarise(&records, 5.0);
         assert_eq!(summary.unreadable.len(), 1);
         let corners = &summary.methods[0].corners;
         assert_eq!((corners.visible, corners.found, corners.missed), (3, 2, 1));
@@ -293,7 +296,7 @@ mod tests {
 
     #[test]
     fn errors_of_no_found_corner_are_none() {
-        let summary = summarise(&[corner(status::MISSED, None)]);
+        let summary = summarise(&[corner(status::MISSED, None)], 5.0);
         assert_eq!(summary.methods[0].corners.detected, None);
     }
 }

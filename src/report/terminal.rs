@@ -38,6 +38,12 @@ fn of_rendered(summary: &Summary) -> String {
             "\nprecision and recall are those of the best threshold on the response, as a share of an \
              image's strongest\n",
         );
+        text.push_str(&table_of(&words::gospa(summary)).to_string());
+        text.push_str(
+            "\nGOSPA: root mean square over the corners asked for, (95 %) over scenes; off, missed, false: what its \
+             square is made of (a corner missed and a false answer count 4.5 px^2 each); no answer at all is 2.12 px; \
+             AP: average precision where right is only what is so near\n",
+        );
     }
     if let Some(refinement) = words::refinement(summary) {
         text.push_str(&table_of(&refinement).to_string());

@@ -2,9 +2,10 @@
 
 use serde::Serialize;
 
+use crate::record::MethodTime;
 use crate::report::compare::{Comparison, Verdict};
 use crate::report::contest::Contest;
-use crate::report::detection::{Cause, Stratum};
+use crate::report::detection::{Cause, DetectionSummary, Stratum};
 use crate::report::refinement::{Estimate, RefinementSummary};
 use crate::report::summary::{GraspSummary, MethodSummary, SceneSummary, Summary};
 
@@ -167,6 +168,62 @@ pub fn comparison(summary: &Summary) -> Words {
     Words { header: header.map(str::to_owned).to_vec(), rows: rows.collect() }
 }
 
+/// How far all answers of each method are from the corners, all in all, and how many are right within gates; the least
+/// GOSPA first.
+pub fn gospa(summary: &Summary) -> Words {
+    let mut methods = by_average_precision(summary);
+    let per_corner_px = |method: &MethodSummary| {
+        method.detection.gospa.per_corner_px.map_or(f64::INFINITY, |estimate| estimate.value)
+    };
+    methods.sort_by(|a, b| per_corner_px(a).total_cmp(&per_corner_px(b)));
+    let gates = methods.first().map_or(&[][..], |first| &first.detection.gates);
+    let header = ["method", "GOSPA px (95 %)", "off", "missed", "false", "at best threshold"];
+    let header = header.map(str::to_owned);
+    let of_gates = gates.iter().map(|gate| format!("AP {} px", gate.gate_px));
+    let rows = methods.iter().map(|method| {
+        let DetectionSummary { gospa, gospa_at_best, gates, mean_average_precision, .. } =
+            &method.detection;
+        let all_px2 = gospa.per_corner_px.map(|all| all.value * all.value);
+        let share = |part: Option<Estimate>| {
+            let all_px2 = all_px2.filter(|all_px2| *all_px2 > 0.0);
+            percent(part.zip(all_px2).map(|(part, all_px2)| part.value / all_px2))
+        };
+        let precision = |value: f64| format!("{value:.3}");
+        [
+            method.label.clone(),
+            between(gospa.per_corner_px, 3),
+            share(gospa.localisation_px2),
+            share(gospa.missed_px2),
+            share(gospa.false_px2),
+            of_estimate(gospa_at_best.per_corner_px, 3),
+        ]
+        .into_iter()
+        .chain(gates.iter().map(|gate| precision(gate.average_precision)))
+        .chain([mean_average_precision.map_or_else(|| "-".to_owned(), precision)])
+        .chain(summary.timing.as_ref().map(|timing| {
+            let time = timing.of(&method.camera, &method.method);
+            three_digits(time.map(|time| 1e-3 * time.whole_us.median))
+        }))
+        .collect()
+    });
+    let last = ["mean AP"].into_iter().chain(summary.timing.as_ref().map(|_| "ms a photograph"));
+    Words {
+        header: header.into_iter().chain(of_gates).chain(last.map(str::to_owned)).collect(),
+        rows: rows.collect(),
+    }
+}
+
+/// A number to three digits; "-" of nothing.
+pub fn three_digits(value: Option<f64>) -> String {
+    let Some(value) = value else { return "-".to_owned() };
+    match value.abs() {
+        size if size >= 99.95 => format!("{value:.0}"),
+        size if size >= 9.995 => format!("{value:.1}"),
+        size if size >= 0.9995 => format!("{value:.2}"),
+        _ => format!("{value:.3}"),
+    }
+}
+
 /// Refiners beside each other, the least error where nothing is before the corner first; `None` where all methods
 /// have the same.
 pub fn refinement(summary: &Summary) -> Option<Words> {
@@ -213,8 +270,16 @@ pub fn refinement(summary: &Summary) -> Option<Words> {
             of_estimate(clear.rmse_over_bound, 1),
             if declined.is_empty() { "-".to_owned() } else { declined.join(", ") },
         ]
+        .into_iter()
+        .chain(summary.timing.as_ref().map(|timing| {
+            let time = timing.of(&method.camera, &method.method);
+            three_digits(time.and_then(MethodTime::refine_us_per_corner))
+        }))
+        .collect()
     });
-    Some(Words { header: header.map(str::to_owned).to_vec(), rows: rows.collect() })
+    let time = summary.timing.as_ref().map(|_| "us a corner");
+    let header = header.into_iter().chain(time).map(str::to_owned);
+    Some(Words { header: header.collect(), rows: rows.collect() })
 }
 
 /// What must be said of refiners beside their numbers.
@@ -342,7 +407,7 @@ pub fn compared(comparison: &Comparison) -> Words {
 }
 
 /// A probability, no smaller than what it is known to.
-fn probability(p: f64) -> String {
+pub(super) fn probability(p: f64) -> String {
     if p < 0.001 { "< 0.001".to_owned() } else { format!("{p:.3}") }
 }
 

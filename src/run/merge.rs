@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use super::{Outcome, Shard};
 use crate::error::{Error, Result};
 use crate::files::{write_json, write_whole};
-use crate::record::{RunDescription, join_records, read_run};
+use crate::record::{RunDescription, TIMING_FILE, join_records, read_run};
 
 /// Merges the shards of a run, all of them, into the run that one machine would have made: the same records,
 /// byte for byte.
@@ -77,6 +77,14 @@ pub fn merge(shards: &[PathBuf], output: &Path, command: &str) -> Result<Outcome
     write_whole(&output.join("records.parquet"), |path| join_records(path, groups))?;
     for folder in &folders {
         copy_pictures(&folder.join("scenes"), &output.join("scenes"))?;
+    }
+    // Times are those of the first shard: other machines' are others.
+    if let Some(timing) = folders.first().map(|folder| folder.join(TIMING_FILE))
+        && timing.is_file()
+    {
+        write_whole(&output.join(TIMING_FILE), |path| {
+            fs::copy(&timing, path).map(|_| ()).map_err(Error::io(&timing, "copy"))
+        })?;
     }
     // In the order of the scenes, as one run has them.
     let is_unreadable =

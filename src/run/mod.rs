@@ -13,6 +13,7 @@ mod photographs;
 mod pictures;
 mod scene;
 mod score;
+mod timing;
 
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};

@@ -9,14 +9,15 @@ use serde::{Deserialize, Serialize};
 use super::Shard;
 use crate::error::{Error, Result};
 use crate::files::write_json;
+use crate::record::TIMING_FILE;
 
 /// Says what a folder of parts is of.
 const MANIFEST: &str = "unfinished.json";
 /// Where they are.
 const FOLDER: &str = "parts";
 /// What a run's folder has beside them.
-const FOLDERS: [&str; 2] = ["scenes", "report"];
-const FILES: [&str; 3] = ["run.json", "records.parquet", "summary.json"];
+const FOLDERS: [&str; 3] = ["scenes", "report", "recommendation"];
+const FILES: [&str; 4] = ["run.json", "records.parquet", "summary.json", TIMING_FILE];
 
 /// What decides whether parts may be taken over.
 #[derive(Debug, PartialEq, Eq, Serialize, Deserialize)]

@@ -205,7 +205,11 @@ impl Station<'_> {
 }
 
 /// A seed of each corner, anywhere in a disc about it. A corner has one place in the disc of every radius.
-fn seeds_in_disc(corners: &[&TrueCorner], radius_px: f64, name: &[&str]) -> Vec<Detection> {
+pub(super) fn seeds_in_disc(
+    corners: &[&TrueCorner],
+    radius_px: f64,
+    name: &[&str],
+) -> Vec<Detection> {
     let seed = |corner: &&TrueCorner| {
         let index = corner.index.to_string();
         let [x, y] = Stream::named(&[name, &["seed", &index]].concat()).in_disc();

@@ -21,6 +21,7 @@ mod own;
 mod peaks;
 mod python;
 mod range_sensors;
+mod recommend;
 mod refiners;
 mod rendering;
 mod responses;

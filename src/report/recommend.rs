@@ -1,0 +1,603 @@
+//! Runs -> which method to use: the best within a time budget, chosen on scenes of split dev, confirmed on those of
+//! split test, which had no part in the choice.
+//!
+//! The figure is the root mean square error over the corners asked for, as GOSPA has it: lost corners count as the
+//! cutoff, so declining does not pay.
+
+mod front;
+mod gather;
+mod pages;
+mod words;
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+
+use serde::Serialize;
+
+use crate::error::{Error, Result};
+use crate::record::{Record, RunDescription, Timing, read_records, read_run, read_timing, track};
+use crate::report::contest::warning;
+use crate::report::gospa::root_mean;
+use crate::report::refinement::Estimate;
+use crate::stats::{Bootstrap, holm, sign_flips};
+
+use gather::{Group, Methods, Scenes, Splits};
+
+pub use pages::write;
+pub use words::{table, unit_words};
+
+/// What is not more than chance is not better.
+const SIGNIFICANT: f64 = 0.05;
+
+/// All scenes together.
+pub const ALL: &str = "all";
+
+/// A run to choose from.
+#[derive(Clone, Debug)]
+pub struct Measured {
+    /// Its folder.
+    pub folder: PathBuf,
+    /// How it came about.
+    pub run: RunDescription,
+    /// Its records.
+    pub records: Vec<Record>,
+    /// What its pipelines took, where that was measured.
+    pub timing: Option<Timing>,
+}
+
+impl Measured {
+    /// Reads a run's folder.
+    ///
+    /// # Errors
+    /// When its files are missing or not what their names say.
+    pub fn read(folder: &Path) -> Result<Self> {
+        Ok(Self {
+            folder: folder.to_owned(),
+            run: read_run(folder)?,
+            records: read_records(&folder.join("records.parquet"))?,
+            timing: read_timing(folder)?,
+        })
+    }
+}
+
+/// What scenes, or corners, are told apart by.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ClassBy {
+    /// The family that a scene was drawn from.
+    #[default]
+    Family,
+    /// The camera's pose.
+    Pose,
+    /// What a corner looks like; on the refinement track only, for a false answer looks like nothing.
+    Junction,
+}
+
+impl ClassBy {
+    fn of(self, record: &Record) -> Option<&str> {
+        match self {
+            Self::Family => Some(&record.family),
+            Self::Pose => Some(&record.pose),
+            Self::Junction if record.track == track::REFINEMENT => record.junction.as_deref(),
+            Self::Junction => None,
+        }
+    }
+}
+
+/// Which methods to use.
+#[derive(Clone, Debug, Serialize)]
+pub struct Recommendation {
+    /// The runs that were chosen from.
+    pub runs: Vec<PathBuf>,
+    /// The most time that a method may take: end to end per photograph, of a refiner alone per corner \[us\].
+    pub budget_us: Option<f64>,
+    /// What classes are.
+    pub class_by: ClassBy,
+    /// One for each camera, track and class; of each camera and track that of all scenes first.
+    pub choices: Vec<Choice>,
+    /// The pipelines that are best over all scenes, as plans have them.
+    pub pipelines: BTreeMap<String, String>,
+    /// What a reader must know.
+    pub warnings: Vec<String>,
+}
+
+/// The best method for one camera, track and class.
+#[derive(Clone, Debug, Serialize)]
+pub struct Choice {
+    /// The camera.
+    pub camera: String,
+    /// What is judged, as records have it.
+    pub track: String,
+    /// The disc of the seeds, if they were given \[px\].
+    pub seed_disc_px: Option<f64>,
+    /// The class; "all" of all scenes.
+    pub class: String,
+    /// Scenes of split dev.
+    pub dev_scenes: usize,
+    /// Scenes of split test.
+    pub test_scenes: usize,
+    /// The methods, the least error on dev first.
+    pub candidates: Vec<Candidate>,
+    /// The one to use; none where none keeps the budget.
+    pub chosen: Option<String>,
+    /// Those that keep the budget and are better than it on test, not by chance; the best first.
+    pub better_on_test: Vec<String>,
+    /// All that in words.
+    pub words: String,
+}
+
+/// A method to choose.
+#[derive(Clone, Debug, Serialize)]
+pub struct Candidate {
+    /// Its name.
+    pub method: String,
+    /// What it takes: end to end per photograph, of a refiner alone per corner \[us\].
+    pub time_us: Option<f64>,
+    /// Whether it leaves given seeds where they are: their error is the plan's, so it is no method to choose.
+    pub is_control: bool,
+    /// Whether its time is within the budget; without a budget it is.
+    pub keeps_budget: bool,
+    /// Whether none is as fast and nearer, by the errors on dev.
+    pub is_on_front: bool,
+    /// Root mean square error per corner asked for on dev \[px\].
+    pub dev_px: Estimate,
+    /// The same on test \[px\].
+    pub test_px: Estimate,
+    /// Its error over that of the chosen one on test: the geometric mean over scenes.
+    pub over_chosen: Option<Estimate>,
+    /// How often that is as far from 1 by chance, by random signs, after Holm's correction; of those that keep the
+    /// budget.
+    pub p: Option<f64>,
+}
+
+/// Chooses among the methods of all runs together; a method may have been measured on dev in one run and on test in
+/// another.
+///
+/// # Errors
+/// When runs do not fit together, when there are no scenes of dev or of test, and for a budget without times.
+pub fn recommend(
+    runs: &[Measured],
+    budget_us: Option<f64>,
+    class_by: ClassBy,
+) -> Result<Recommendation> {
+    let pipelines = gather::pipelines(runs)?;
+    gather::refuse_twice(runs)?;
+    if budget_us.is_some() && runs.iter().all(|one| one.timing.is_none()) {
+        return Err(Error::Other(format!(
+            "{}: no timing.json, so nothing is known to keep a budget; measure again without --no-timing, or leave \
+             the budget out",
+            gather::folders(runs)
+        )));
+    }
+    for (split, other) in [("dev", "confirmed"), ("test", "chosen")] {
+        gather::refuse_without(runs, split, other)?;
+    }
+    let mut groups = gather::collect(runs, class_by);
+    let order = |group: &Group| {
+        let disc = group.seed_disc_px.map(f64::to_bits);
+        (group.camera.clone(), group.track.clone(), disc, group.class != ALL, group.class.clone())
+    };
+    groups.sort_by_key(|(group, _)| order(group));
+    // A class that is all there is says nothing more.
+    let is_all_there_is = |group: &Group| {
+        let same = |(other, _): &&(Group, Methods)| {
+            (&other.camera, &other.track, other.seed_disc_px)
+                == (&group.camera, &group.track, group.seed_disc_px)
+        };
+        group.class != ALL && groups.iter().filter(same).count() == 2
+    };
+    let times = |camera: &str, method: &str| -> Option<f64> {
+        let times = runs.iter().filter_map(|one| one.timing.as_ref()?.of(camera, method));
+        let is_given = |pipeline: &&serde_json::Value| !pipeline["seeds"].is_null();
+        let per_corner = pipelines.get(method).is_some_and(is_given);
+        times
+            .filter_map(|time| match per_corner {
+                true => time.refine_us_per_corner(),
+                false => Some(time.whole_us.median),
+            })
+            .next()
+    };
+    let mut warnings = BTreeSet::new();
+    let mut choices = Vec::new();
+    for (group, methods) in groups.iter().filter(|(group, _)| !is_all_there_is(group)) {
+        let is_control = |method: &str| {
+            let refiner = pipelines.get(method).map(|pipeline| &pipeline["refine"]["algorithm"]);
+            group.track == track::REFINEMENT && refiner.is_some_and(|refiner| refiner == "none")
+        };
+        let (choice, warned) =
+            choose(group, methods, budget_us, &is_control, &|method| times(&group.camera, method));
+        warnings.extend(warned);
+        choices.extend(choice);
+    }
+    // In one line: most classes have few.
+    let is_small = |choice: &&Choice| {
+        choice.class != ALL && warning(choice.dev_scenes.min(choice.test_scenes)).is_some()
+    };
+    let small: BTreeSet<&str> =
+        choices.iter().filter(is_small).map(|choice| choice.class.as_str()).collect();
+    if !small.is_empty() {
+        let small = small.into_iter().collect::<Vec<_>>().join(", ");
+        warnings.insert(format!(
+            "too few scenes of dev or test to be sure of a choice of their own: {small}"
+        ));
+    }
+    if runs.iter().all(|one| one.timing.is_none()) {
+        warnings.insert(
+            "no timing.json: no front of error against time; measure without --no-timing for one"
+                .into(),
+        );
+    }
+    let best = choices.iter().filter(|choice| choice.class == ALL);
+    let best: BTreeSet<&String> = best.filter_map(|choice| choice.chosen.as_ref()).collect();
+    let toml = |name: &String| {
+        let pipeline = pipelines.get(name.as_str());
+        pipeline.map(|pipeline| Ok((name.clone(), words::toml_of(pipeline)?)))
+    };
+    Ok(Recommendation {
+        runs: runs.iter().map(|one| one.folder.clone()).collect(),
+        budget_us,
+        class_by,
+        pipelines: best.into_iter().filter_map(toml).collect::<Result<_>>()?,
+        choices,
+        warnings: warnings.into_iter().collect(),
+    })
+}
+
+/// The choice among a group's methods, on the scenes that all of them have; none where there are no such scenes.
+fn choose(
+    group: &Group,
+    methods: &Methods,
+    budget_us: Option<f64>,
+    is_control: &dyn Fn(&str) -> bool,
+    time_us: &dyn Fn(&str) -> Option<f64>,
+) -> (Option<Choice>, Vec<String>) {
+    let mut warnings = Vec::new();
+    let (some, others): (Vec<_>, Vec<_>) =
+        methods.iter().partition(|(_, splits)| !splits.dev.is_empty() && !splits.test.is_empty());
+    if !others.is_empty() && group.class == ALL {
+        let names: Vec<&str> = others.iter().map(|(name, _)| name.as_str()).collect();
+        warnings.push(format!("left out, for not measured on both splits: {}", names.join(", ")));
+    }
+    let [dev, test] = [|splits: &Splits| splits.dev.clone(), |splits: &Splits| splits.test.clone()]
+        .map(|of| shared(&some.iter().map(|(_, splits)| of(splits)).collect::<Vec<_>>()));
+    let count = |scenes: &[Scenes]| scenes.first().map_or(0, Scenes::len);
+    let keeps = |time_us: Option<f64>| {
+        budget_us.is_none_or(|budget_us| time_us.is_some_and(|time_us| time_us <= budget_us))
+    };
+    let mut candidates: Vec<(Candidate, &Scenes)> = some
+        .iter()
+        .zip(dev.iter().zip(&test))
+        .filter_map(|((name, _), (dev, test))| {
+            let time_us = time_us(name);
+            let candidate = Candidate {
+                method: name.clone(),
+                time_us,
+                is_control: is_control(name),
+                keeps_budget: keeps(time_us),
+                is_on_front: false,
+                dev_px: figure(dev)?,
+                test_px: figure(test)?,
+                over_chosen: None,
+                p: None,
+            };
+            Some((candidate, test))
+        })
+        .collect();
+    if candidates.is_empty() {
+        if group.class == ALL {
+            warnings.push(format!("{}: no corners on both splits", words::given(group)));
+        }
+        return (None, warnings);
+    }
+    candidates.sort_by(|(a, _), (b, _)| a.dev_px.value.total_cmp(&b.dev_px.value));
+    front::mark(&mut candidates.iter_mut().map(|(candidate, _)| candidate).collect::<Vec<_>>());
+    let chosen = candidates.iter().position(|(candidate, _)| candidate.can_be_chosen());
+    if let Some(chosen) = chosen {
+        confirm(&mut candidates, chosen, group);
+        warnings.extend(mostly_false(&candidates[chosen], group));
+    }
+    let candidates: Vec<Candidate> = candidates.into_iter().map(|(one, _)| one).collect();
+    let best_px = chosen.map_or(f64::INFINITY, |index| candidates[index].test_px.value);
+    let is_better = |one: &&Candidate| {
+        // Both the ratio over scenes and the figure itself: a few lost corners move one of them alone.
+        one.p.is_some_and(|p| p <= SIGNIFICANT)
+            && one.over_chosen.is_some_and(|ratio| ratio.value < 1.0)
+            && one.test_px.value < best_px
+    };
+    let mut better: Vec<&Candidate> = candidates.iter().filter(is_better).collect();
+    better.sort_by(|a, b| a.test_px.value.total_cmp(&b.test_px.value));
+    let mut choice = Choice {
+        camera: group.camera.clone(),
+        track: group.track.clone(),
+        seed_disc_px: group.seed_disc_px,
+        class: group.class.clone(),
+        dev_scenes: count(&dev),
+        test_scenes: count(&test),
+        chosen: chosen.map(|index| candidates[index].method.clone()),
+        better_on_test: better.iter().map(|one| one.method.clone()).collect(),
+        candidates,
+        words: String::new(),
+    };
+    choice.words = words::sentence(&choice, budget_us);
+    if group.class == ALL {
+        for (split, scenes) in [("dev", choice.dev_scenes), ("test", choice.test_scenes)] {
+            warnings.extend(warning(scenes).map(|words| format!("{split}: {words}")));
+        }
+    }
+    (Some(choice), warnings)
+}
+
+impl Candidate {
+    fn can_be_chosen(&self) -> bool {
+        self.keeps_budget && !self.is_control
+    }
+}
+
+/// Of each the scenes that all have.
+fn shared(all: &[Scenes]) -> Vec<Scenes> {
+    let mut shared = all.to_vec();
+    for scenes in &mut shared {
+        scenes.retain(|scene, _| all.iter().all(|other| other.contains_key(scene)));
+    }
+    shared
+}
+
+/// Root mean square error per corner asked for \[px\], with its interval over scenes.
+fn figure(scenes: &Scenes) -> Option<Estimate> {
+    let sums: Vec<[f64; 3]> = scenes.values().copied().collect();
+    root_mean(&sums, &|sums| sums[0], &|sums| sums[1])
+}
+
+/// Says where false answers hide what methods differ by.
+fn mostly_false((chosen, test): &(Candidate, &Scenes), group: &Group) -> Option<String> {
+    let sum = |of: usize| test.values().map(|sums| sums[of]).sum::<f64>();
+    let share = sum(2) / sum(0);
+    let is_worth_saying = group.class == ALL && group.track == track::END_TO_END && share > 0.5;
+    is_worth_saying.then(|| {
+        format!(
+            "{}: {:.0} % of the squared error of {} are false answers; with a higher threshold its detector would \
+             gain more than by any refiner",
+            words::given(group),
+            100.0 * share,
+            chosen.method
+        )
+    })
+}
+
+/// Compares all that keep the budget with the chosen one, scene by scene on test.
+fn confirm(candidates: &mut [(Candidate, &Scenes)], chosen: usize, group: &Group) {
+    // An error of exactly 0 has no logarithm; none is known to less.
+    const LEAST_PX2: f64 = 1e-12;
+    // A scene without corners has no error per corner.
+    let logs = |scenes: &Scenes| -> Vec<f64> {
+        let with_corners = scenes.values().filter(|sums| sums[1] > 0.0);
+        with_corners.map(|sums| 0.5 * (sums[0] / sums[1]).max(LEAST_PX2).ln()).collect()
+    };
+    let of_chosen = logs(candidates[chosen].1);
+    let mut compared = Vec::new();
+    for (index, (candidate, scenes)) in candidates.iter_mut().enumerate() {
+        if index == chosen || !candidate.can_be_chosen() {
+            continue;
+        }
+        let differences: Vec<f64> =
+            logs(scenes).iter().zip(&of_chosen).map(|(own, chosen)| own - chosen).collect();
+        let name = ["recommend", group.camera.as_str(), candidate.method.as_str()];
+        let Some(flips) = sign_flips(&differences, &name) else { continue };
+        let rows: Vec<[f64; 2]> = differences.iter().map(|one| [*one, 1.0]).collect();
+        let mean = |[sum, count]: &[f64; 2]| (*count > 0.0).then(|| sum / count);
+        let interval = Bootstrap::named(&name).of_sums(&rows, mean).ok();
+        candidate.over_chosen = Some(Estimate::of(flips.mean, interval).map(f64::exp));
+        candidate.p = Some(flips.p);
+        compared.push(index);
+    }
+    let p_values: Vec<f64> = compared.iter().filter_map(|index| candidates[*index].0.p).collect();
+    for (index, p) in compared.into_iter().zip(holm(&p_values)) {
+        candidates[index].0.p = Some(p);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::record::{kind, status};
+
+    /// A corner of one of 24 scenes of a split, by a method alone, that far off.
+    fn row(method: &str, split: &str, scene: u8, error_px: f64) -> Record {
+        Record {
+            suite: "suite".into(),
+            scene: format!("{split}-{scene:02}"),
+            family: if scene.is_multiple_of(2) { "wall" } else { "paper" }.into(),
+            split: Some(split.into()),
+            camera: "ideal".into(),
+            exposure: Some(0),
+            method: method.into(),
+            track: track::REFINEMENT.into(),
+            seed_disc_px: Some(1.0),
+            kind: kind::CORNER.into(),
+            status: status::OK.into(),
+            corner_index: Some(0),
+            junction: Some("L".into()),
+            refine_status: Some("ok".into()),
+            refined_error_px: Some(error_px),
+            ..Record::default()
+        }
+    }
+
+    /// Methods with their errors on dev and on test \[px\] and their times \[us\].
+    fn measured(methods: &[(&str, f64, f64, f64)], is_timed: bool) -> Measured {
+        let mut records = Vec::new();
+        for (name, dev_px, test_px, _) in methods {
+            for scene in 0..24 {
+                let hard = 1.0 + 0.1 * f64::from(scene % 5);
+                records.push(row(name, "dev", scene, dev_px * hard));
+                records.push(row(name, "test", scene, test_px * hard));
+            }
+        }
+        let pipeline = |(name, ..): &(&str, f64, f64, f64)| {
+            serde_json::json!({
+                "name": name,
+                "seeds": { "disc_px": 1.0 },
+                "target": null,
+                "refine": { "algorithm": name, "version": 1, "parameters": { "seeds": 60, "k": 4.0 } },
+            })
+        };
+        let run = serde_json::json!({
+            "cornerbench_version": "", "plan": "plan", "cameras": {}, "phases": 1, "repeats": 1,
+            "pipelines": methods.iter().map(pipeline).collect::<Vec<_>>(),
+            "suite": "suite", "scenes": [], "shard": null, "unreadable": [], "identity_sha256": "",
+            "range_sensor_model": {}, "range_sensor": "", "gate_px": 5.0, "least_edge_px": 3.0,
+            "most_bound_px": 0.5, "command": "", "machine": "", "renderers": [],
+        });
+        let time = |(name, _, _, us): &(&str, f64, f64, f64)| {
+            let spread = |us: &f64| serde_json::json!({ "median": us, "lower_quartile": us, "upper_quartile": us });
+            serde_json::json!({
+                "camera": "ideal", "method": name, "photographs": 1, "corners": 2.0,
+                "detect_us": spread(&0.0), "refine_us": spread(&(2.0 * us)),
+                "grasp_us": spread(&0.0), "whole_us": spread(&(2.0 * us)),
+            })
+        };
+        let timing = serde_json::json!({
+            "cornerbench_version": "", "machine": "", "threads": 1, "clock_resolution_us": 0.02,
+            "rounds": 5, "scenes": [], "methods": methods.iter().map(time).collect::<Vec<_>>(),
+        });
+        Measured {
+            folder: "RUN".into(),
+            run: serde_json::from_value(run).expect("a run"),
+            records,
+            timing: is_timed.then(|| serde_json::from_value(timing).expect("times")),
+        }
+    }
+
+    fn all(methods: &[(&str, f64, f64, f64)], budget_us: Option<f64>) -> Choice {
+        let found = recommend(&[measured(methods, true)], budget_us, ClassBy::Family);
+        found.expect("a choice").choices.swap_remove(0)
+    }
+
+    const METHODS: [(&str, f64, f64, f64); 4] = [
+        ("fast", 0.4, 0.4, 1.0),
+        ("dominated", 0.5, 0.5, 10.0),
+        ("middle", 0.2, 0.2, 20.0),
+        ("slow", 0.1, 0.1, 500.0),
+    ];
+
+    #[test]
+    fn the_front_has_no_method_that_another_beats_in_both() {
+        let choice = all(&METHODS, None);
+        let front = choice.candidates.iter().filter(|one| one.is_on_front);
+        let front: Vec<&str> = front.map(|one| one.method.as_str()).collect();
+        assert_eq!(front, ["slow", "middle", "fast"]);
+        assert_eq!((choice.dev_scenes, choice.test_scenes), (24, 24));
+        assert_eq!(choice.chosen.as_deref(), Some("slow"));
+        assert!(choice.better_on_test.is_empty());
+        // Per corner: half of what the two of a photograph take.
+        assert_eq!(choice.candidates[0].time_us, Some(500.0));
+        let (table, left_out) = table(&choice);
+        assert_eq!(table.rows.len(), 3);
+        assert!(left_out.expect("one").starts_with("1 other"));
+    }
+
+    #[test]
+    fn the_best_that_keeps_the_budget_is_chosen_and_confirmed() {
+        let choice = all(&METHODS, Some(20.0));
+        assert_eq!(choice.chosen.as_deref(), Some("middle"));
+        let words = "us a corner. On test nothing that keeps the budget is surely better.";
+        assert!(choice.words.starts_with("middle: 0.2"), "{}", choice.words);
+        assert!(choice.words.ends_with(words), "{}", choice.words);
+        let nothing = all(&METHODS, Some(0.5));
+        assert_eq!(nothing.chosen, None);
+        assert!(nothing.words.contains("the fastest is fast, 1.00 us"), "{}", nothing.words);
+    }
+
+    #[test]
+    fn what_is_better_on_dev_and_worse_on_test_does_not_carry_over() {
+        let choice = all(&[("lucky", 0.1, 0.4, 1.0), ("steady", 0.2, 0.2, 1.0)], None);
+        assert_eq!(choice.chosen.as_deref(), Some("lucky"));
+        assert_eq!(choice.better_on_test, ["steady"]);
+        assert!(
+            choice.words.contains("On test steady is better by 50 % (p < 0.001)"),
+            "{}",
+            choice.words
+        );
+    }
+
+    #[test]
+    fn declining_does_not_pay_and_families_have_a_choice_each() {
+        let mut run = measured(&[("shy", 0.1, 0.1, 1.0), ("steady", 0.2, 0.2, 1.0)], true);
+        for record in &mut run.records {
+            if record.method == "shy" && record.family == "wall" {
+                record.refine_status = Some("singular".into());
+            }
+        }
+        let found = recommend(&[run], None, ClassBy::Family).expect("a choice");
+        let chosen: Vec<(&str, Option<&str>)> = found
+            .choices
+            .iter()
+            .map(|choice| (choice.class.as_str(), choice.chosen.as_deref()))
+            .collect();
+        let wanted = [(ALL, Some("steady")), ("paper", Some("shy")), ("wall", Some("steady"))];
+        assert_eq!(chosen, wanted);
+        let few = "choice of their own: paper, wall";
+        assert!(found.warnings.iter().any(|warning| warning.ends_with(few)));
+        assert!(!found.warnings.iter().any(|warning| warning.starts_with("dev")));
+        let toml = &found.pipelines["steady"];
+        assert!(toml.starts_with("[[pipelines]]\nname = \"steady\""), "{toml}");
+        let plan: toml::Table = toml.parse().expect("TOML");
+        let stage = &plan["pipelines"][0]["refine"];
+        assert_eq!(stage["algorithm"].as_str(), Some("steady"));
+        assert_eq!((stage["seeds"].as_integer(), stage["k"].as_float()), (Some(60), Some(4.0)));
+        assert_eq!(plan["pipelines"][0].get("target"), None);
+    }
+
+    #[test]
+    fn to_leave_seeds_where_they_are_is_no_choice_but_is_said() {
+        let choice = all(&[("none", 0.1, 0.1, 0.1), ("steady", 0.2, 0.2, 1.0)], None);
+        assert_eq!(choice.chosen.as_deref(), Some("steady"));
+        assert!(choice.better_on_test.is_empty());
+        assert!(choice.words.contains("Seeds left where they are"), "{}", choice.words);
+    }
+
+    #[test]
+    fn runs_that_cannot_be_taken_together_say_why() {
+        let whole = measured(&METHODS, true);
+        let words = |runs: &[Measured], budget_us: Option<f64>| {
+            recommend(runs, budget_us, ClassBy::Family).expect_err("an error").chain()
+        };
+        let of_split = |split: &str| {
+            let mut part = Measured { folder: split.into(), ..whole.clone() };
+            part.records.retain(|record| record.split.as_deref() == Some(split));
+            part
+        };
+        let [dev, test] = ["dev", "test"].map(of_split);
+        let without_test = words(std::slice::from_ref(&dev), None);
+        assert!(without_test.contains("no scenes of split test"), "{without_test}");
+        assert!(without_test.contains("measure plan DATASET --split test"), "{without_test}");
+        assert!(words(std::slice::from_ref(&test), None).contains("no scenes of split dev"));
+        assert!(words(&[whole.clone(), dev.clone()], None).contains("both have scene dev-00 by"));
+        assert!(recommend(&[dev, test], None, ClassBy::Family).is_ok());
+
+        let untimed = measured(&METHODS, false);
+        assert!(words(&[untimed], Some(1.0)).contains("measure again without --no-timing"));
+        let untimed = recommend(&[measured(&METHODS, false)], None, ClassBy::Junction);
+        let untimed = untimed.expect("a choice");
+        assert!(untimed.warnings[0].contains("no front"), "{:?}", untimed.warnings);
+        assert_eq!(untimed.choices.len(), 1, "a class that is all there is says no more");
+
+        let mut other = Measured { folder: "OTHER".into(), ..whole.clone() };
+        other.run.pipelines[0]["refine"]["parameters"]["k"] = 5.0.into();
+        assert!(words(&[whole.clone(), other], None).contains("two pipelines are called \"fast\""));
+        let mut other = Measured { folder: "OTHER".into(), ..whole.clone() };
+        other.run.gate_px = 3.0;
+        assert!(words(&[whole, other], None).contains("ask for the same corners"));
+    }
+
+    #[test]
+    fn a_picture_is_drawn_of_times_only() {
+        let choice = all(&METHODS, None);
+        let svg = front::draw(&choice, Some(20.0)).expect("a picture").expect("times");
+        assert!(svg.contains("middle") && !svg.contains("dominated"));
+        let untimed = recommend(&[measured(&METHODS, false)], None, ClassBy::Family);
+        let choice = &untimed.expect("a choice").choices[0];
+        assert!(front::draw(choice, None).expect("no picture").is_none());
+        assert_eq!(table(choice).0.header, ["method", "dev px", "test px (95 %)"]);
+    }
+}
