@@ -66,6 +66,8 @@ impl Report {
                 Some(("detectors", words::comparison(summary))),
                 Some(("gospa", words::gospa(summary))),
                 words::refinement(summary).map(|words| ("refiners", words)),
+                words::results(summary).map(|words| ("results", words)),
+                words::families(summary).map(|words| ("families", words)),
             ]
             .into_iter()
             .flatten()
@@ -177,6 +179,8 @@ pub fn write(folder: &Path) -> Result<Report> {
         "comparison": words::comparison(&summary),
         "gospa": words::gospa(&summary),
         "refinement": refinement,
+        "results": words::results(&summary),
+        "families": words::families(&summary),
         "contests": words::contests(&summary),
         "shifts": words::shifts(&summary),
         "worst": worst,

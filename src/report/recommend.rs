@@ -444,7 +444,7 @@ mod tests {
         let run = serde_json::json!({
             "cornerbench_version": "", "plan": "plan", "cameras": {}, "phases": 1, "repeats": 1,
             "pipelines": methods.iter().map(pipeline).collect::<Vec<_>>(),
-            "suite": "suite", "scenes": [], "shard": null, "unreadable": [], "identity_sha256": "",
+            "cells": [], "suite": "suite", "scenes": [], "shard": null, "unreadable": [], "identity_sha256": "",
             "range_sensor_model": {}, "range_sensor": "", "gate_px": 5.0, "least_edge_px": 3.0,
             "most_bound_px": 0.5, "command": "", "machine": "", "renderers": [],
         });

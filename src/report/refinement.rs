@@ -20,6 +20,10 @@ pub struct RefinementSummary {
     pub clear: Refined,
     /// How many had each status.
     pub statuses: BTreeMap<String, usize>,
+    /// Those of each split.
+    pub splits: Vec<RefinedStratum>,
+    /// Those of each family of scenes.
+    pub families: Vec<RefinedStratum>,
     /// What all answers look shifted by, where it is what another origin of coordinates makes.
     pub shift: Option<&'static str>,
 }
@@ -104,7 +108,56 @@ pub fn summarise(records: &[&Record]) -> RefinementSummary {
     }
     let all = Refined::of(&found);
     let shift = shift(&all);
-    RefinementSummary { all, clear: Refined::of(&clear), statuses, shift }
+    RefinementSummary {
+        all,
+        clear: Refined::of(&clear),
+        statuses,
+        splits: strata(&found, |record| record.split.as_deref()),
+        families: strata(&found, |record| Some(&record.family)),
+        shift,
+    }
+}
+
+/// Corners of scenes that have something in common.
+#[derive(Clone, Debug, Serialize)]
+pub struct RefinedStratum {
+    /// What it is.
+    pub name: String,
+    /// How many corners the refiner was given.
+    pub asked: usize,
+    /// How many it answered.
+    pub answered: usize,
+    /// Share of all that were declined, or are off by more than [`FAILED_PX`].
+    pub failed: Option<Estimate>,
+    /// Root mean square error of the answers \[px\].
+    pub rmse_px: Option<Estimate>,
+    /// The same over that of the bounds from the pixels within 10 px.
+    pub rmse_over_bound: Option<Estimate>,
+}
+
+/// Corners apart by what `name` says of them, sorted.
+fn strata(records: &[&Record], name: impl Fn(&Record) -> Option<&str>) -> Vec<RefinedStratum> {
+    let mut apart: BTreeMap<&str, BTreeMap<&str, Sums>> = BTreeMap::new();
+    for record in records {
+        let Some(name) = name(record) else { continue };
+        let scenes = apart.entry(name).or_default();
+        let sums = scenes.entry(&record.scene).or_insert([0.0; SUMS]);
+        sums.iter_mut().zip(sums_of(record)).for_each(|(sum, more)| *sum += more);
+    }
+    let stratum = |(name, scenes): (&str, BTreeMap<&str, Sums>)| {
+        let sums: Vec<Sums> = scenes.into_values().collect();
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "counts")]
+        let count = |sum: Sum| sums.iter().map(|sums| of(sums, sum)).sum::<f64>() as usize;
+        RefinedStratum {
+            name: name.to_owned(),
+            asked: count(Sum::Asked),
+            answered: count(Sum::Answered),
+            failed: estimate(&sums, &|sums| ratio(sums, Sum::Failed, Sum::Asked)),
+            rmse_px: rms(&sums, Sum::Square, Sum::Answered),
+            rmse_over_bound: rms(&sums, Sum::SquareOfBounded, Sum::BoundSquare),
+        }
+    };
+    apart.into_iter().map(stratum).collect()
 }
 
 /// What another origin of coordinates shifts answers by, where these are so, to a tenth of a pixel, and surely.
@@ -345,6 +398,33 @@ mod tests {
         near(all.nees, 3.125);
         assert!((all.median_normed_square.expect("two") - 3.125).abs() < 1e-9);
         assert_eq!(statuses["diverged"], 1);
+    }
+
+    #[test]
+    fn splits_and_families_are_told_apart() {
+        let of = |scene: &str, split: &str, family: &str, error_px: f64| Record {
+            split: Some(split.into()),
+            family: family.into(),
+            ..corner(scene, error_px, None, "ok")
+        };
+        let records = [
+            of("a", "dev", "bare", 0.1),
+            of("b", "test", "bare", 0.3),
+            of("b", "test", "bare", 0.3),
+            of("c", "test", "wall", 2.0),
+        ];
+        let summary = summarise(&records.iter().collect::<Vec<_>>());
+        let of = |strata: &[RefinedStratum]| -> Vec<(String, usize, f64)> {
+            let row = |one: &RefinedStratum| (one.name.clone(), one.answered, value(one.rmse_px));
+            strata.iter().map(row).collect()
+        };
+        let splits = of(&summary.splits);
+        assert_eq!((splits[0].0.as_str(), splits[0].1), ("dev", 1));
+        assert!((splits[0].2 - 0.1).abs() < 1e-9, "{splits:?}");
+        let families = of(&summary.families);
+        assert_eq!((families[0].0.as_str(), families[0].1), ("bare", 3));
+        assert!((families[0].2 - (0.19_f64 / 3.0).sqrt()).abs() < 1e-9, "{families:?}");
+        assert!((value(summary.families[1].failed) - 1.0).abs() < 1e-12);
     }
 
     #[test]

@@ -39,8 +39,8 @@ pub(super) fn splice(path: &Path, run: &RunDescription, tables: &[(&str, Words)]
             return Err(Error::malformed(path, format!("behind {begin}{name} --> no {END} is")));
         };
         whole.push_str(before);
-        let table = markdown(table);
-        whole.push_str(&format!("{begin}{name} -->\n\n`{}`\n\n{table}\n{END}", run.command));
+        let (command, table) = (command(run), markdown(table));
+        whole.push_str(&format!("{begin}{name} -->\n\n`{command}`\n\n{table}\n{END}"));
         rest = after;
         filled += 1;
     }
@@ -56,6 +56,20 @@ pub(super) fn splice(path: &Path, run: &RunDescription, tables: &[(&str, Words)]
     }
     whole.push_str(rest);
     write_text(path, &whole)
+}
+
+/// The command that measured, without where to: that is no part of what it gave.
+fn command(run: &RunDescription) -> String {
+    let mut words = run.command.split(' ');
+    let mut kept = Vec::new();
+    while let Some(word) = words.next() {
+        match word {
+            "-o" | "--output" => drop(words.next()),
+            word if word.starts_with("--output=") => {}
+            word => kept.push(word),
+        }
+    }
+    kept.join(" ")
 }
 
 /// A table as Markdown has it; all but the first column stand to the right.

@@ -6,7 +6,7 @@ use crate::record::MethodTime;
 use crate::report::compare::{Comparison, Verdict};
 use crate::report::contest::Contest;
 use crate::report::detection::{Cause, DetectionSummary, Stratum};
-use crate::report::refinement::{Estimate, RefinementSummary};
+use crate::report::refinement::{Estimate, RefinedStratum, RefinementSummary};
 use crate::report::summary::{GraspSummary, MethodSummary, SceneSummary, Summary};
 
 /// A length in pixels; "-" of nothing.
@@ -280,6 +280,87 @@ pub fn refinement(summary: &Summary) -> Option<Words> {
     let time = summary.timing.as_ref().map(|_| "us a corner");
     let header = header.into_iter().chain(time).map(str::to_owned);
     Some(Words { header: header.collect(), rows: rows.collect() })
+}
+
+/// Refiners by split, the least error on test first, with the time that a corner takes where that is known: what one
+/// shows to others. `None` where there is but one split, or one refiner.
+pub fn results(summary: &Summary) -> Option<Words> {
+    refinement(summary)?;
+    let of_split = |method: &MethodSummary, name: &str| {
+        method.refinement.splits.iter().find(|split| split.name == name).cloned()
+    };
+    let mut methods: Vec<(&MethodSummary, RefinedStratum, RefinedStratum)> = summary
+        .methods
+        .iter()
+        .filter_map(|one| Some((one, of_split(one, "dev")?, of_split(one, "test")?)))
+        .collect();
+    if methods.is_empty() {
+        return None;
+    }
+    let error_px = |stratum: &RefinedStratum| stratum.rmse_px.map_or(f64::INFINITY, |px| px.value);
+    methods.sort_by(|a, b| error_px(&a.2).total_cmp(&error_px(&b.2)));
+    let header = [
+        "method",
+        "dev: rms error px (95 %)",
+        "test: rms error px (95 %)",
+        "over bound (95 %)",
+        "answered",
+        "failed",
+    ];
+    let time = summary.timing.as_ref().map(|_| "us a corner");
+    let rows = methods.iter().map(|(method, dev, test)| {
+        let time = summary.timing.as_ref().map(|timing| {
+            let time = timing.of(&method.camera, &method.method);
+            three_digits(time.and_then(MethodTime::refine_us_per_corner))
+        });
+        let cells = [
+            method.label.clone(),
+            between(dev.rmse_px, 3),
+            between(test.rmse_px, 3),
+            between(test.rmse_over_bound, 1),
+            format!("{} of {}", test.answered, test.asked),
+            percent(test.failed.map(|failed| failed.value)),
+        ];
+        cells.into_iter().chain(time).collect()
+    });
+    Some(Words {
+        header: header.into_iter().chain(time).map(str::to_owned).collect(),
+        rows: rows.collect(),
+    })
+}
+
+/// Refiners by family of scenes: error, in brackets over the bound; `None` where there is but one family, or one refiner.
+pub fn families(summary: &Summary) -> Option<Words> {
+    refinement(summary)?;
+    let methods = by_refined_error(summary);
+    let mut names: Vec<&str> = Vec::new();
+    for family in methods.iter().flat_map(|method| &method.refinement.families) {
+        if !names.contains(&family.name.as_str()) {
+            names.push(&family.name);
+        }
+    }
+    names.sort_unstable();
+    if names.len() < 2 {
+        return None;
+    }
+    let row = |method: &&MethodSummary| {
+        let of_family = |name: &&str| {
+            let family = method.refinement.families.iter().find(|family| family.name == *name);
+            family.map_or_else(
+                || "-".to_owned(),
+                |family| {
+                    let error_px = of_estimate(family.rmse_px, 3);
+                    match family.rmse_over_bound {
+                        Some(ratio) => format!("{error_px} ({:.1})", ratio.value),
+                        None => error_px,
+                    }
+                },
+            )
+        };
+        std::iter::once(method.label.clone()).chain(names.iter().map(of_family)).collect()
+    };
+    let header = std::iter::once("method").chain(names.iter().copied()).map(str::to_owned);
+    Some(Words { header: header.collect(), rows: methods.iter().map(row).collect() })
 }
 
 /// What must be said of refiners beside their numbers.

@@ -3,6 +3,7 @@
 use plotters::coord::Shift;
 use plotters::coord::ranged1d::{AsRangedCoord, ValueFormatter};
 use plotters::prelude::*;
+use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use super::sheet::{Panel, Sheet, Spot, factor_name};
 use crate::error::{Error, Result};
@@ -90,8 +91,10 @@ pub(super) fn draw(sheet: &Sheet, quantity: Quantity) -> Result<String> {
         for (area, panel) in below.split_evenly((rows, columns)).iter().zip(&sheet.panels) {
             let range = range.clone();
             match quantity {
-                Quantity::Error => draw_panel(area, sheet, panel, quantity, range.log_scale()),
-                _ => draw_panel(area, sheet, panel, quantity, range),
+                Quantity::Error => {
+                    draw_panel(area, sheet, panel, quantity, range.start, range.log_scale())
+                }
+                _ => draw_panel(area, sheet, panel, quantity, range.start, range),
             }
             .map_err(failed)?;
         }
@@ -152,6 +155,7 @@ fn draw_panel<'a, Y>(
     sheet: &Sheet,
     panel: &Panel,
     quantity: Quantity,
+    least: f64,
     y: Y,
 ) -> std::result::Result<(), Failure<'a>>
 where
@@ -159,11 +163,11 @@ where
     Y::CoordDescType: Ranged<ValueType = f64> + ValueFormatter<f64>,
 {
     let last = sheet.x_labels.len().saturating_sub(1) as f64;
-    let is_number = sheet.x_labels.iter().all(|label| label.parse::<f64>().is_ok());
+    let is_short = sheet.x_labels.iter().all(|label| label.len() <= 5);
     let mut chart = ChartBuilder::on(area)
         .margin(10)
         .caption(sheet.title(panel), ("sans-serif", 14))
-        .x_label_area_size(if is_number { 36 } else { 92 })
+        .x_label_area_size(if is_short { 36 } else { 110 })
         .y_label_area_size(48)
         .build_cartesian_2d(-0.3..(last + 0.3), y)?;
     let label_of = |x: &f64| {
@@ -173,19 +177,27 @@ where
         let label = sheet.x_labels.get(index as usize).filter(|_| is_whole);
         label.cloned().unwrap_or_default()
     };
-    let style = ("sans-serif", 11).into_font();
-    let style = if is_number { style } else { style.transform(FontTransform::Rotate90) };
     chart
         .configure_mesh()
         .disable_x_mesh()
-        .x_labels(2 * sheet.x_labels.len().max(2))
+        .x_labels(if is_short { 2 * sheet.x_labels.len().max(2) } else { 0 })
         .x_label_formatter(&label_of)
-        .x_label_style(style)
-        .y_label_formatter(&|value| format!("{value}"))
+        .x_label_style(("sans-serif", 11))
+        .y_label_formatter(&|value| format!("{}", (1e6 * value).round() / 1e6))
         .light_line_style(TRANSPARENT)
-        .x_desc(if is_number { factor_name(sheet.x) } else { "" })
+        .x_desc(if is_short { factor_name(sheet.x) } else { "" })
         .y_desc(quantity.name())
         .draw()?;
+    if !is_short {
+        // Long names stand upright, each from its place on the axis downwards.
+        let turned = ("sans-serif", 11).into_font().transform(FontTransform::Rotate90);
+        let style = TextStyle::from(turned).pos(Pos::new(HPos::Left, VPos::Center));
+        let (left, top) = area.get_base_pixel();
+        for (index, label) in sheet.x_labels.iter().enumerate() {
+            let (x, y) = chart.backend_coord(&(index as f64, least));
+            area.draw(&Text::new(label.clone(), (x - left, y - top + 6), style.clone()))?;
+        }
+    }
     if quantity == Quantity::Error {
         let mut bounds: Vec<(f64, f64)> = panel
             .spots
