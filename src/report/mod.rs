@@ -1,5 +1,6 @@
 //! Records -> terminal, page and pictures. Reads a run's folder; runs no algorithm.
 
+pub mod agreement;
 pub mod compare;
 pub mod contest;
 mod curves;
@@ -21,6 +22,7 @@ use std::path::{Path, PathBuf};
 
 use minijinja::Environment;
 use minijinja::value::Serde;
+use serde::Serialize;
 use serde_json::json;
 
 use crate::error::{Error, Result};
@@ -42,10 +44,19 @@ pub struct Report {
     pub page: PathBuf,
 }
 
+/// What must be said of pictures of one's own; nothing of a dataset.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Notes {
+    /// That known corners look as if counted from another place.
+    pub origin: Option<String>,
+    /// That nobody knows the corners of some.
+    pub unknown: Option<String>,
+}
+
 /// What a run's records say.
 pub enum Content {
-    /// Of a rendered dataset.
-    Rendered(Box<Summary>),
+    /// Of a rendered dataset, or of pictures of one's own, and what must be said of these.
+    Rendered(Box<Summary>, Notes),
     /// Of drawn junctions.
     Drawn(DrawnSummary),
 }
@@ -54,7 +65,7 @@ impl Report {
     /// What stands in summary.json.
     pub fn json(&self) -> serde_json::Value {
         match &self.content {
-            Content::Rendered(summary) => json!(summary),
+            Content::Rendered(summary, _) => json!(summary),
             Content::Drawn(summary) => json!(summary),
         }
     }
@@ -62,7 +73,7 @@ impl Report {
     /// The tables by name, as [`splice`](Self::splice) knows them.
     fn tables(&self) -> Vec<(&'static str, Words)> {
         match &self.content {
-            Content::Rendered(summary) => [
+            Content::Rendered(summary, _) => [
                 Some(("detectors", words::comparison(summary))),
                 Some(("gospa", words::gospa(summary))),
                 words::refinement(summary).map(|words| ("refiners", words)),
@@ -100,7 +111,15 @@ pub fn write(folder: &Path) -> Result<Report> {
         return Ok(Report { run, content: Content::Drawn(summary), page });
     }
     let records = read_records(&folder.join("records.parquet"))?;
-    let summary = Summary { timing: read_timing(folder)?, ..summarise(&records, run.gate_px) };
+    let summary = Summary {
+        timing: read_timing(folder)?,
+        agreements: agreement::agreements(&records, &run),
+        ..summarise(&records, run.gate_px)
+    };
+    let notes = Notes {
+        origin: agreement::origin_note(&records, &run),
+        unknown: agreement::sentence(&run),
+    };
     write_json(&folder.join("summary.json"), &summary)?;
 
     let report = folder.join("report");
@@ -177,6 +196,9 @@ pub fn write(folder: &Path) -> Result<Report> {
         "comparison": words::comparison(&summary),
         "gospa": words::gospa(&summary),
         "refinement": refinement,
+        "notes": notes,
+        "agreements": summary.agreements.iter().map(agreement::words).collect::<Vec<_>>(),
+        "predicted": agreement::PREDICTED,
         "contests": words::contests(&summary),
         "shifts": words::shifts(&summary),
         "worst": worst,
@@ -192,7 +214,7 @@ pub fn write(folder: &Path) -> Result<Report> {
         .map_err(|error| Error::Other(format!("the report's template: {error:#}")))?;
     let path = report.join("index.html");
     write_text(&path, &page)?;
-    Ok(Report { run, content: Content::Rendered(Box::new(summary)), page: path })
+    Ok(Report { run, content: Content::Rendered(Box::new(summary), notes), page: path })
 }
 
 fn write_text(path: &Path, text: &str) -> Result<()> {
