@@ -60,6 +60,12 @@ pub(super) fn run(global: &Global, options: &Options) -> Result<Ended> {
     }
     let given = options.dataset.clone();
     let folder = given.unwrap_or_else(|| PathBuf::from("out/quick/dataset"));
+    if folder.is_file() {
+        return Err(Error::Other(format!(
+            "{}: is a file; name the folder of a dataset or of pictures",
+            folder.display()
+        )));
+    }
     if !folder.is_dir() || folder.join("dataset.json").is_file() {
         let dataset = Dataset::open(&folder)?;
         check_dataset(&dataset, options)?;
@@ -159,6 +165,9 @@ fn check_pictures(folder: &Path) -> Result<()> {
 fn say_what_is_left_out(global: &Global, plan: &Plan, album: &Album, has_known: bool) {
     if plan.pipelines.iter().any(|pipeline| pipeline.grasp.is_some()) {
         global.say("pictures have no range image: pipelines end with their corners, without face and grasp");
+    }
+    if album.camera().is_none() {
+        global.say(super::own::NO_CAMERA);
     }
     let unknown = album.without_known_corners().count();
     if has_known && unknown > 0 {

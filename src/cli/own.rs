@@ -11,6 +11,9 @@ use crate::plan::read_camera;
 use crate::registry;
 use crate::sensor::{Photographer, Transfer};
 
+/// What is said where no camera is named.
+pub(super) const NO_CAMERA: &str = "covariances assume that samples are rounded and free of other noise; --camera NAME takes a camera's";
+
 #[derive(clap::Args)]
 #[command(next_help_heading = "Pictures of one's own")]
 pub(super) struct PictureOptions {

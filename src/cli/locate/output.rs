@@ -5,6 +5,7 @@ use std::path::Path;
 use serde_json::json;
 
 use super::{Options, Task};
+use crate::cli::own::NO_CAMERA;
 use crate::cli::{Global, print, print_line};
 use crate::error::{Error, Result};
 use crate::files::write_whole;
@@ -79,9 +80,7 @@ pub(super) fn show(
     }
     let has_covariance = rows(located).any(|row| row.corner.covariance_px2.is_some());
     if options.own.camera.is_none() && has_covariance {
-        global.say(
-            "covariances assume that samples are rounded and free of other noise; --camera NAME takes a camera's",
-        );
+        global.say(NO_CAMERA);
     }
     let unknown = located.iter().filter(|picture| picture.known.is_empty()).count();
     if task.known.is_some() && unknown > 0 {
