@@ -39,11 +39,11 @@ pub(super) struct Options {
     /// The plan whose first pipeline names detector and refiner.
     #[arg(long, default_value = "paper")]
     plan: String,
-    #[command(flatten)]
-    own: PictureOptions,
     /// A CSV file for all corners.
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
+    #[command(flatten)]
+    own: PictureOptions,
 }
 
 /// An algorithm and what it is called.

@@ -153,7 +153,7 @@ fn check_pictures(folder: &Path) -> Result<()> {
         [first, others @ ..] => format!("{first} and {} more", others.len()),
     };
     Err(Error::Other(format!(
-        "{}: neither a dataset (dataset.json is missing) nor pictures: there is {found}, and the name of a picture ends in \
+        "{}: no dataset here (dataset.json is missing) and no picture; there is {found}, and the name of a picture ends in \
          .{}; name another folder, or render a dataset: cornerbench render SUITE -o {}",
         folder.display(),
         EXTENSIONS.join(", ."),

@@ -8,12 +8,14 @@ use cornerbench::record::{Record, kind, read_records, status, track};
 use serde_json::Value;
 
 use crate::dataset::json;
+use crate::own::{COUNT, folder};
 use crate::support::{copy_folder, cornerbench, plain_dataset, recipes, run, stderr, succeed};
 
 const PLAN: &str = "camera = 'ideal'
      [[pipelines]]
      name = 'found'
-     detect = 'harris'
+     target = 'red_difference'
+     detect = { algorithm = 'harris', threshold_rel = 0.001, channel = 'colour' }
      refine = ['junction_fit', 'corner_sub_pix', 'none']
      [[pipelines]]
      name = 'given'
@@ -158,17 +160,31 @@ fn errors_are_those_of_the_dataset_whose_photographs_the_pictures_are() {
 
 #[test]
 fn half_a_pixel_of_origin_is_recognised() {
-    let bench = Bench::new();
-    let known = bench.known(0.5, &BOTH);
-    let words = "look as if counted from the pixel's corner; try --origin pixel-corner";
-    let said = succeed(&mut bench.own("half", &["--known", &known]));
-    assert!(said.contains(words), "{said}");
-    assert!(bench.page("half").contains("try --origin pixel-corner"));
-    let more = ["--known", &known, "--origin", "pixel-corner"];
-    let said = succeed(&mut bench.own("whole", &more));
-    assert!(!said.contains("--origin"), "{said}");
-    assert!(!bench.page("whole").contains("try --origin"));
-    assert_eq!(json(&bench.at("whole/run.json"))["pictures"]["origin"], "pixel-corner");
+    let (pictures, output) = (folder("16.png", 0.5), tempfile::tempdir().expect("a folder"));
+    let recipes_folder = output.path().join("recipes");
+    copy_folder(&recipes(), &recipes_folder);
+    fs::write(recipes_folder.join("plans/given.toml"), GIVEN).expect("written");
+    let measured = |name: &str, more: &[&str]| {
+        let mut command = cornerbench();
+        command.args(["measure", "given", "-o"]).arg(output.path().join(name));
+        command.arg(pictures.path()).arg("--known").arg(pictures.path().join("known.csv"));
+        let said = succeed(command.arg("--recipes").arg(&recipes_folder).args(more));
+        let page = output.path().join(name).join("report/index.html");
+        let summary = json(&output.path().join(name).join("summary.json"));
+        let refined = &summary["methods"][0]["refinement"]["all"];
+        assert_eq!(refined["answered"], COUNT, "{summary}");
+        let rmse_px = refined["rmse_px"]["value"].as_f64().expect("answers");
+        (said, fs::read_to_string(page).expect("a page"), rmse_px)
+    };
+    let words = "your known corners look as if counted from the pixel";
+    let (said, page, rmse_px) = measured("half", &[]);
+    assert!(said.contains(words) && said.contains("try --origin pixel-corner"), "{said}");
+    assert!(page.contains("try --origin pixel-corner"));
+    assert!((rmse_px - 0.5_f64.sqrt()).abs() < 0.01, "{rmse_px}");
+    let (said, page, rmse_px) = measured("whole", &["--origin", "pixel-corner"]);
+    assert!(!said.contains("--origin") && !page.contains("try --origin"), "{said}");
+    assert!(rmse_px < 0.01, "{rmse_px}");
+    assert_eq!(json(&output.path().join("whole/run.json"))["pictures"]["origin"], "pixel-corner");
 }
 
 #[test]
@@ -204,6 +220,10 @@ fn without_truth_there_is_agreement_and_no_error() {
     let page = bench.page("run");
     assert!(page.contains("agreement is not accuracy") && !page.contains("path-traced"));
     assert!(page.contains("How far do methods agree") && !page.contains("rms error px"));
+
+    let refused = run(cornerbench().arg("recommend").arg(bench.at("run")));
+    assert_eq!(refused.status.code(), Some(2));
+    assert!(stderr(&refused).contains("no corner is known"), "{}", stderr(&refused));
 
     // Of one picture corners are known: both are told, each of its own pictures.
     let known = bench.known(0.0, &["above"]);
@@ -274,7 +294,7 @@ fn what_is_wrong_is_named_with_the_next_step() {
     };
     fs::create_dir(bench.at("notes")).expect("a folder");
     fs::write(bench.at("notes/a.txt"), "text").expect("written");
-    let words = ["neither a dataset", "there is a.txt", ".tiff", "cornerbench render SUITE"];
+    let words = ["no dataset here", "there is a.txt", ".tiff", "cornerbench render SUITE"];
     fails(bench.measure("own", &bench.at("notes"), "run"), &words);
     let mut command = bench.measure("own", plain_dataset(), "run");
     command.args(["--known", &known]);
