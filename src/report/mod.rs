@@ -53,6 +53,17 @@ pub struct Notes {
     pub unknown: Option<String>,
 }
 
+impl Notes {
+    /// What must be said of answers, or of known corners, that look shifted.
+    fn shifts(&self, summary: &Summary) -> Vec<String> {
+        match &self.origin {
+            // It is the corners that are off, not the answers.
+            Some(note) => vec![note.clone()],
+            None => words::shifts(summary),
+        }
+    }
+}
+
 /// What a run's records say.
 pub enum Content {
     /// Of a rendered dataset, or of pictures of one's own, and what must be said of these.
@@ -200,7 +211,7 @@ pub fn write(folder: &Path) -> Result<Report> {
         "agreements": summary.agreements.iter().map(agreement::words).collect::<Vec<_>>(),
         "predicted": agreement::PREDICTED,
         "contests": words::contests(&summary),
-        "shifts": words::shifts(&summary),
+        "shifts": notes.shifts(&summary),
         "worst": worst,
         "strata": words::strata(&summary),
         "causes": words::causes(&summary),

@@ -61,10 +61,7 @@ fn of_rendered(summary: &Summary, notes: &Notes) -> String {
              over the refiner's own covariance, 2 is right; clear: nothing before the corner within 20 px\n",
         );
     }
-    text.extend(notes.origin.iter().map(|note| format!("! {note}\n")));
-    for shift in words::shifts(summary) {
-        text.push_str(&format!("! {shift}\n"));
-    }
+    text.extend(notes.shifts(summary).iter().map(|shift| format!("! {shift}\n")));
     for contest in words::contests(summary) {
         text.push_str(&format!("\n{}\n{}\n", contest.given, table_of(&contest.table)));
         for sentence in contest.sentences {
