@@ -6,11 +6,15 @@
 //! * World: metres, z up, right-handed. Poses are named `a_from_b` and composed as
 //!   `a_from_b * b_from_c`.
 
+mod origin;
+
 use nalgebra::{
     Isometry3, Matrix2, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector2, Vector3,
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+
+pub use origin::Origin;
 
 /// A rigid motion; a value named `a_from_b` takes coordinates in b to coordinates in a.
 pub type Pose = Isometry3<f64>;

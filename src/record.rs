@@ -21,8 +21,8 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
-use crate::geometry::ImagePoint;
-use crate::sensor::{CameraModel, RangeSensor};
+use crate::geometry::{ImagePoint, Origin};
+use crate::sensor::{CameraModel, RangeSensor, Transfer};
 
 pub use timing::{MethodTime, Spread, TIMING_FILE, Timing, read_timing};
 
@@ -63,6 +63,8 @@ pub mod status {
     pub const TOO_SMALL: &str = "too_small";
     /// A corner whose place noise hides: neither asked for nor counted.
     pub const TOO_UNCERTAIN: &str = "too_uncertain";
+    /// An answer in a picture of which nobody knows the corners: neither right nor wrong.
+    pub const UNKNOWN: &str = "unknown";
     /// An answer where no corner is.
     pub const FALSE: &str = "false";
     /// An answer at a corner that is not asked for: neither right nor wrong.
@@ -416,7 +418,7 @@ pub struct RunDescription {
     pub repeats: u32,
     /// Of drawn junctions the cells, each with all that sets it apart.
     pub cells: Vec<serde_json::Value>,
-    /// The suite that was measured; "drawn".
+    /// The suite that was measured; "drawn"; of pictures of one's own their folder's name.
     pub suite: String,
     /// Its scenes, or those of one split, in the order of the records; of drawn junctions the cells, each by a camera.
     /// Of a shard too, which has only some.
@@ -443,6 +445,22 @@ pub struct RunDescription {
     pub machine: String,
     /// The scenes' renderers: "mitsuba 3.9.1 llvm_ad_rgb".
     pub renderers: Vec<String>,
+    /// What is known of pictures of one's own, if that is what was measured.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pictures: Option<PicturesDescription>,
+}
+
+/// What is known of pictures of one's own; stands in RUN/run.json.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct PicturesDescription {
+    /// Those in which nobody knows a corner, by name.
+    pub without_known_corners: Vec<String>,
+    /// What the known corners were taken to be counted from.
+    pub origin: Origin,
+    /// The curve from light to samples that was given, if any.
+    pub transfer: Option<Transfer>,
+    /// The value of full scale that was given, if any.
+    pub white: Option<f64>,
 }
 
 /// Reads RUN/run.json.

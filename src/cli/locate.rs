@@ -6,18 +6,16 @@ use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
 
+use super::own::PictureOptions;
 use super::progress::counting;
 use super::{Ended, Global, project};
 use crate::detect::{DETECTORS, Detection, Detector};
 use crate::error::{Error, Result};
 use crate::geometry::ImagePoint;
-use crate::picture::{
-    KnownCorner, KnownCorners, Located, Making, Origin, find_pictures, read_picture,
-};
-use crate::plan::{Plan, Seeds, read_camera};
+use crate::picture::{KnownCorner, KnownCorners, Located, Making, find_pictures, read_picture};
+use crate::plan::{Plan, Seeds};
 use crate::refine::{REFINERS, Refiner};
 use crate::registry::{self, Entry};
-use crate::sensor::Transfer;
 
 #[derive(clap::Args)]
 pub(super) struct Options {
@@ -28,16 +26,10 @@ pub(super) struct Options {
     /// 0,0. May be given many times.
     #[arg(long, value_name = "X,Y", value_parser = parse_point, allow_hyphen_values = true)]
     at: Vec<ImagePoint>,
-    /// A file of points to refine, X,Y a line.
+    /// A file of points to refine, X,Y a line; where neither these nor a detector are asked for, known corners are the
+    /// seeds.
     #[arg(long, value_name = "FILE")]
     points: Option<PathBuf>,
-    /// A CSV or JSON file of known corners: columns or keys image, x_px, y_px, index, name. They are
-    /// the seeds, too, where no others are asked for.
-    #[arg(long, value_name = "FILE")]
-    known: Option<PathBuf>,
-    /// What the coordinates of --points and --known count from.
-    #[arg(long, value_enum, value_name = "ORIGIN", default_value_t)]
-    origin: Origin,
     /// The detector, with its defaults, instead of the plan's; `cornerbench list detectors` names them.
     #[arg(long, value_name = "NAME", conflicts_with_all = ["at", "points"])]
     detector: Option<String>,
@@ -47,21 +39,11 @@ pub(super) struct Options {
     /// The plan whose first pipeline names detector and refiner.
     #[arg(long, default_value = "paper")]
     plan: String,
-    /// The curve from light to samples: linear, srgb, or gamma2.2 and the like; sRGB of whole
-    /// numbers, linear of floats, where this is not given.
-    #[arg(long, value_name = "CURVE", value_parser = parse_transfer, conflicts_with = "camera")]
-    transfer: Option<Transfer>,
-    /// Of linear floats the value of full scale; just above a picture's brightest sample where this
-    /// is not given.
-    #[arg(long, value_name = "VALUE", conflicts_with = "camera")]
-    white: Option<f64>,
-    /// The camera that took them: its curve, black level, noise and mosaic; `cornerbench list cameras`
-    /// names some.
-    #[arg(long, value_name = "NAME")]
-    camera: Option<String>,
     /// A CSV file for all corners.
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
+    #[command(flatten)]
+    own: PictureOptions,
 }
 
 /// An algorithm and what it is called.
@@ -84,16 +66,8 @@ struct Task {
 
 pub(super) fn run(global: &Global, options: &Options) -> Result<Ended> {
     let task = task(global, options)?;
-    if let Some(white) = options.white {
-        let above_zero = (std::ops::Bound::Excluded(0.0), std::ops::Bound::Included(1e9));
-        registry::in_range("command line", "--white", white, above_zero)?;
-    }
-    let camera = match &options.camera {
-        Some(name) => Some(read_camera(&project::recipes(global)?, name)?),
-        None => None,
-    };
-    let making =
-        Making { camera: camera.as_ref(), transfer: options.transfer, white: options.white };
+    let camera = options.own.read_camera(global)?;
+    let making = options.own.making(camera.as_ref());
     let pictures = pictures(&options.images)?;
     let known = match &task.known {
         Some(known) => known.of_pictures(&pictures)?,
@@ -134,7 +108,8 @@ fn task(global: &Global, options: &Options) -> Result<Task> {
     let pipeline = plan.pipelines.into_iter().next();
     let pipeline =
         pipeline.ok_or_else(|| Error::Other(format!("plan {}: no pipelines", options.plan)))?;
-    let known = options.known.as_ref().map(|path| KnownCorners::read(path, options.origin));
+    let origin = options.own.origin();
+    let known = options.own.known.as_ref().map(|path| KnownCorners::read(path, origin));
     let known = known.transpose()?;
     let points = points(options)?;
     let seeds_known = known.is_some() && points.is_none() && options.detector.is_none();
@@ -182,7 +157,7 @@ fn points(options: &Options) -> Result<Option<Vec<ImagePoint>>> {
             let point = parse_point(line).map_err(|problem| {
                 Error::malformed(path, format!("line {}: {problem}", index + 1))
             })?;
-            points.push(options.origin.point(point.into()));
+            points.push(options.own.origin().point(point.into()));
         }
     }
     Ok((!options.at.is_empty() || options.points.is_some()).then_some(points))
@@ -228,15 +203,5 @@ pub(super) fn parse_point(text: &str) -> std::result::Result<ImagePoint, String>
     match numbers[..] {
         [x, y] if x.is_finite() && y.is_finite() => Ok(ImagePoint::new(x, y)),
         _ => Err(format!("{text:?} is no point, must be two finite numbers X,Y")),
-    }
-}
-
-fn parse_transfer(text: &str) -> std::result::Result<Transfer, String> {
-    let gamma = |text: &str| text.strip_prefix("gamma")?.parse().ok();
-    match (text, gamma(text)) {
-        ("linear", _) => Ok(Transfer::Linear),
-        ("srgb", _) => Ok(Transfer::Srgb),
-        (_, Some(gamma)) if (1.0..=4.0).contains(&gamma) => Ok(Transfer::Power { gamma }),
-        _ => Err("must be linear, srgb, or gamma and a number in [1, 4]: gamma2.2".to_owned()),
     }
 }

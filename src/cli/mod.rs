@@ -10,6 +10,7 @@ mod list;
 mod locate;
 mod measure;
 mod merge;
+mod own;
 mod progress;
 mod project;
 mod quickstart;
@@ -74,7 +75,8 @@ enum Command {
     Setup(setup::Options),
     /// Render the scenes of a suite that are missing or whose recipe changed.
     Render(render::Options),
-    /// Run a plan's pipelines over a rendered dataset, or over junctions that it draws, and score them against truth.
+    /// Run a plan's pipelines over a rendered dataset, over pictures of one's own, or over junctions that it draws, and
+    /// score them against truth.
     Measure(measure::Options),
     /// Make the shards of a run one: the same records as an unsharded run has, byte for byte.
     Merge(merge::Options),

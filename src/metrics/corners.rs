@@ -292,8 +292,9 @@ pub fn score_seeded(seen: &Seen<'_>, answers: &[Corner], rule: CornerRule) -> Co
     CornerScores { corners: corners.collect(), others: Vec::new(), false_junctions: Vec::new() }
 }
 
-/// Of each corner the largest threshold on the response with which it is found.
-fn found_at_responses(
+/// Of each corner the largest threshold on the response with which it is found, whichever answer within the gate finds
+/// it.
+pub fn found_at_responses(
     corners: &[ImagePoint],
     answers: &[Corner],
     gate_px: f64,

@@ -5,8 +5,8 @@ mod gospa;
 mod grasp;
 
 pub use corners::{
-    CornerRule, CornerScore, CornerScores, Fate, OtherScore, Place, Seen, score_corners,
-    score_seeded,
+    CornerRule, CornerScore, CornerScores, Fate, OtherScore, Place, Seen, found_at_responses,
+    score_corners, score_seeded,
 };
 pub use gospa::{CUTOFF_PX, Gospa, gospa};
 pub use grasp::{GraspError, covered_face, grasp_error};

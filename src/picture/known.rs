@@ -8,47 +8,7 @@ use serde::Deserialize;
 use serde::de::DeserializeOwned;
 
 use crate::error::{Error, Result};
-use crate::geometry::ImagePoint;
-
-/// What a file's coordinates count from.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
-pub enum Origin {
-    /// (0, 0) is the centre of the top-left pixel, as in OpenCV and here.
-    #[default]
-    PixelCentre,
-    /// (0, 0) is the top-left corner of the top-left pixel, whose centre is (0.5, 0.5).
-    PixelCorner,
-    /// (1, 1) is the centre of the top-left pixel.
-    Matlab,
-}
-
-impl Origin {
-    /// All of them.
-    pub const ALL: [Self; 3] = [Self::PixelCentre, Self::PixelCorner, Self::Matlab];
-
-    /// Both coordinates of the top-left pixel's centre \[px\].
-    pub fn first_centre_px(self) -> f64 {
-        match self {
-            Self::PixelCentre => 0.0,
-            Self::PixelCorner => 0.5,
-            Self::Matlab => 1.0,
-        }
-    }
-
-    /// The name on the command line.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::PixelCentre => "pixel-centre",
-            Self::PixelCorner => "pixel-corner",
-            Self::Matlab => "matlab",
-        }
-    }
-
-    /// A point of a file that counts from here.
-    pub fn point(self, [x, y]: [f64; 2]) -> ImagePoint {
-        ImagePoint::new(x - self.first_centre_px(), y - self.first_centre_px())
-    }
-}
+use crate::geometry::{ImagePoint, Origin};
 
 /// A corner that somebody knows.
 #[derive(Clone, Debug, PartialEq)]

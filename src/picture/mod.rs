@@ -19,7 +19,8 @@ use crate::error::{Error, Result};
 use crate::image::Plane;
 use crate::sensor::{Encoding, Exposure, Photographer, Transfer};
 
-pub use known::{KnownCorner, KnownCorners, Origin};
+pub use crate::geometry::Origin;
+pub use known::{KnownCorner, KnownCorners};
 pub use score::{
     Agreeing, Agreement, Located, Score, Spread, agreement, deviation_px, likely_origin, score,
 };

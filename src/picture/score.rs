@@ -4,11 +4,11 @@ use std::path::PathBuf;
 
 use serde::Serialize;
 
-use super::{KnownCorner, Origin};
-use crate::geometry::ImagePoint;
+use super::KnownCorner;
+use crate::geometry::{ImagePoint, Origin};
 use crate::matching::assign;
 use crate::refine::Corner;
-use crate::stats::{median, quantile, root_mean_square, standard_error};
+use crate::stats::{median, quantile, root_mean_square};
 
 /// What refiners made of one picture.
 #[derive(Clone, Debug)]
@@ -140,39 +140,25 @@ fn mean_of(offsets: &[[f64; 2]]) -> Option<[f64; 2]> {
 }
 
 /// The origin from which the known corners look as if counted, where it is not the one that they were read with:
-/// the middle one of the refiners' mean offsets would be explained by it to 0.15 px. Answers that are their seeds say
-/// nothing, and so do fewer than four of a refiner.
+/// [`Origin::likely`] of the refiners. Answers that are their seeds say nothing.
 pub fn likely_origin(pictures: &[Located], read_with: Origin) -> Option<Origin> {
     let count = pictures.first()?.corners.len();
-    let biases: Vec<[f64; 2]> =
-        (0..count).filter_map(|refiner| moved_px(pictures, refiner)).collect();
-    let middle = |axis: usize| median(&biases.iter().map(|bias| bias[axis]).collect::<Vec<_>>());
-    let [dx, dy] = [middle(0)?, middle(1)?];
-    let explains = |origin: &Origin| {
-        let shift = origin.first_centre_px() - read_with.first_centre_px();
-        (dx + shift).abs() < 0.15 && (dy + shift).abs() < 0.15
-    };
-    Origin::ALL.into_iter().find(|origin| *origin != read_with && explains(origin))
+    let offsets: Vec<Vec<[f64; 2]>> =
+        (0..count).map(|refiner| moved_px(pictures, refiner)).collect();
+    Origin::likely(&offsets, read_with)
 }
 
-/// The mean offset of a refiner's answers that left their seeds, where it is known to a tenth of a pixel.
-fn moved_px(pictures: &[Located], refiner: usize) -> Option<[f64; 2]> {
-    let offsets: Vec<[f64; 2]> = pictures
-        .iter()
-        .flat_map(|picture| {
-            let moved = |&seed: &usize| {
-                let corner = &picture.corners[refiner][seed];
-                corner.position.distance_px(corner.seed.point) > 1e-9
-            };
-            let seeds = (0..picture.corners[refiner].len()).filter(moved);
-            seeds.filter_map(|seed| picture.offset_px(refiner, seed))
-        })
-        .collect();
-    let is_certain = (0..2).all(|axis| {
-        let values: Vec<f64> = offsets.iter().map(|offset| offset[axis]).collect();
-        standard_error(&values).is_some_and(|error| error < 0.1)
-    });
-    if offsets.len() >= 4 && is_certain { mean_of(&offsets) } else { None }
+/// The offsets of a refiner's answers that left their seeds \[px\].
+fn moved_px(pictures: &[Located], refiner: usize) -> Vec<[f64; 2]> {
+    let of_picture = |picture: &Located| {
+        let moved = |&seed: &usize| {
+            let corner = &picture.corners[refiner][seed];
+            corner.position.distance_px(corner.seed.point) > 1e-9
+        };
+        let seeds = (0..picture.corners[refiner].len()).filter(moved);
+        seeds.filter_map(|seed| picture.offset_px(refiner, seed)).collect::<Vec<_>>()
+    };
+    pictures.iter().flat_map(of_picture).collect()
 }
 
 /// Refiners beside each other.

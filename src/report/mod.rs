@@ -1,5 +1,6 @@
 //! Records -> terminal, page and pictures. Reads a run's folder; runs no algorithm.
 
+pub mod agreement;
 pub mod compare;
 pub mod contest;
 mod curves;
@@ -21,6 +22,7 @@ use std::path::{Path, PathBuf};
 
 use minijinja::Environment;
 use minijinja::value::Serde;
+use serde::Serialize;
 use serde_json::json;
 
 use crate::error::{Error, Result};
@@ -42,10 +44,30 @@ pub struct Report {
     pub page: PathBuf,
 }
 
+/// What must be said of pictures of one's own; nothing of a dataset.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Notes {
+    /// That known corners look as if counted from another place.
+    pub origin: Option<String>,
+    /// That nobody knows the corners of some.
+    pub unknown: Option<String>,
+}
+
+impl Notes {
+    /// What must be said of answers, or of known corners, that look shifted.
+    fn shifts(&self, summary: &Summary) -> Vec<String> {
+        match &self.origin {
+            // It is the corners that are off, not the answers.
+            Some(note) => vec![note.clone()],
+            None => words::shifts(summary),
+        }
+    }
+}
+
 /// What a run's records say.
 pub enum Content {
-    /// Of a rendered dataset.
-    Rendered(Box<Summary>),
+    /// Of a rendered dataset, or of pictures of one's own, and what must be said of these.
+    Rendered(Box<Summary>, Notes),
     /// Of drawn junctions.
     Drawn(DrawnSummary),
 }
@@ -54,7 +76,7 @@ impl Report {
     /// What stands in summary.json.
     pub fn json(&self) -> serde_json::Value {
         match &self.content {
-            Content::Rendered(summary) => json!(summary),
+            Content::Rendered(summary, _) => json!(summary),
             Content::Drawn(summary) => json!(summary),
         }
     }
@@ -62,7 +84,7 @@ impl Report {
     /// The tables by name, as [`splice`](Self::splice) knows them.
     fn tables(&self) -> Vec<(&'static str, Words)> {
         match &self.content {
-            Content::Rendered(summary) => [
+            Content::Rendered(summary, _) => [
                 Some(("detectors", words::comparison(summary))),
                 Some(("gospa", words::gospa(summary))),
                 words::refinement(summary).map(|words| ("refiners", words)),
@@ -102,7 +124,15 @@ pub fn write(folder: &Path) -> Result<Report> {
         return Ok(Report { run, content: Content::Drawn(summary), page });
     }
     let records = read_records(&folder.join("records.parquet"))?;
-    let summary = Summary { timing: read_timing(folder)?, ..summarise(&records, run.gate_px) };
+    let summary = Summary {
+        timing: read_timing(folder)?,
+        agreements: agreement::agreements(&records, &run),
+        ..summarise(&records, run.gate_px)
+    };
+    let notes = Notes {
+        origin: agreement::origin_note(&records, &run),
+        unknown: agreement::sentence(&run),
+    };
     write_json(&folder.join("summary.json"), &summary)?;
 
     let report = folder.join("report");
@@ -181,8 +211,11 @@ pub fn write(folder: &Path) -> Result<Report> {
         "refinement": refinement,
         "results": words::results(&summary),
         "families": words::families(&summary),
+        "notes": notes,
+        "agreements": summary.agreements.iter().map(agreement::words).collect::<Vec<_>>(),
+        "predicted": agreement::PREDICTED,
         "contests": words::contests(&summary),
-        "shifts": words::shifts(&summary),
+        "shifts": notes.shifts(&summary),
         "worst": worst,
         "strata": words::strata(&summary),
         "causes": words::causes(&summary),
@@ -196,7 +229,7 @@ pub fn write(folder: &Path) -> Result<Report> {
         .map_err(|error| Error::Other(format!("the report's template: {error:#}")))?;
     let path = report.join("index.html");
     write_text(&path, &page)?;
-    Ok(Report { run, content: Content::Rendered(Box::new(summary)), page: path })
+    Ok(Report { run, content: Content::Rendered(Box::new(summary), notes), page: path })
 }
 
 fn write_text(path: &Path, text: &str) -> Result<()> {

@@ -173,6 +173,13 @@ pub fn recommend(
         gather::refuse_without(runs, split, other)?;
     }
     let mut groups = gather::collect(runs, class_by);
+    if groups.is_empty() {
+        return Err(Error::Other(format!(
+            "{}: no corner is known, so no method can be told to be better; measure pictures of one's own again with \
+             --known FILE",
+            gather::folders(runs)
+        )));
+    }
     let order = |group: &Group| {
         let disc = group.seed_disc_px.map(f64::to_bits);
         (group.camera.clone(), group.track.clone(), disc, group.class != ALL, group.class.clone())

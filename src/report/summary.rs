@@ -6,6 +6,7 @@ use std::hash::Hash;
 use serde::Serialize;
 
 use crate::record::{Record, Timing, kind, status};
+use crate::report::agreement::Agreement;
 use crate::report::contest::{Contest, contests};
 use crate::report::detection::{self, DetectionSummary};
 use crate::report::refinement::{self, RefinementSummary};
@@ -20,6 +21,9 @@ pub struct Summary {
     pub methods: Vec<MethodSummary>,
     /// Those of them that were given the same, beside each other.
     pub contests: Vec<Contest>,
+    /// Methods beside each other on pictures of one's own whose corners nobody knows.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub agreements: Vec<Agreement>,
     /// What pipelines took, where that was measured. Times are never the same twice: they are not in the file.
     #[serde(skip)]
     pub timing: Option<Timing>,
@@ -147,7 +151,10 @@ pub fn summarise(records: &[Record], gate_px: f64) -> Summary {
             reason: record.reason.clone().unwrap_or_default(),
         })
         .collect();
-    let measured = || records.iter().filter(|record| record.kind != kind::SCENE);
+    // Of what nobody knows there are no errors; see `agreement`.
+    let is_scored =
+        |record: &&Record| record.kind != kind::SCENE && record.status != status::UNKNOWN;
+    let measured = || records.iter().filter(is_scored);
     let methods = distinct(measured().map(|r| (r.camera.as_str(), r.method.as_str())));
     let cameras = distinct(measured().map(|record| record.camera.as_str()));
     let of_method = |&(camera, method): &(&str, &str)| {
@@ -158,7 +165,7 @@ pub fn summarise(records: &[Record], gate_px: f64) -> Summary {
     };
     let methods: Vec<MethodSummary> = methods.iter().map(of_method).collect();
     let contests = contests(&methods, records);
-    Summary { unreadable, methods, contests, timing: None }
+    Summary { unreadable, methods, contests, agreements: Vec::new(), timing: None }
 }
 
 fn summarise_method(records: &[&Record], label: String, gate_px: f64) -> MethodSummary {

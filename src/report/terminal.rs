@@ -5,12 +5,12 @@ use comfy_table::{Cell, CellAlignment, ContentArrangement, LineStyle, Table, Tab
 use crate::report::drawn::{DrawnSummary, words as drawn};
 use crate::report::summary::{GraspSummary, MethodSummary, Summary};
 use crate::report::words::{self, Words};
-use crate::report::{Content, Report};
+use crate::report::{Content, Notes, Report, agreement};
 
 /// The summary as text; its tables fit the terminal, where standard output is one.
 pub fn tables(report: &Report) -> String {
     match &report.content {
-        Content::Rendered(summary) => of_rendered(summary),
+        Content::Rendered(summary, notes) => of_rendered(summary, notes),
         Content::Drawn(summary) => of_drawn(summary),
     }
 }
@@ -28,8 +28,16 @@ fn of_drawn(summary: &DrawnSummary) -> String {
     text
 }
 
-fn of_rendered(summary: &Summary) -> String {
+fn of_rendered(summary: &Summary, notes: &Notes) -> String {
     let mut text = String::new();
+    text.extend(notes.unknown.iter().map(|sentence| format!("{sentence}\n")));
+    for agreement in &summary.agreements {
+        let (given, [methods, pairs]) = agreement::words(agreement);
+        text.push_str(&format!("\n{given}\n{}\n", table_of(&methods)));
+        if !pairs.rows.is_empty() {
+            text.push_str(&format!("{}\n{}\n", table_of(&pairs), agreement::PREDICTED));
+        }
+    }
     let of_detectors = words::comparison(summary);
     let is_grasp_alone = summary.methods.len() == 1 && summary.methods[0].grasps.is_some();
     if !of_detectors.rows.is_empty() && !is_grasp_alone {
@@ -53,9 +61,7 @@ fn of_rendered(summary: &Summary) -> String {
              over the refiner's own covariance, 2 is right; clear: nothing before the corner within 20 px\n",
         );
     }
-    for shift in words::shifts(summary) {
-        text.push_str(&format!("! {shift}\n"));
-    }
+    text.extend(notes.shifts(summary).iter().map(|shift| format!("! {shift}\n")));
     for contest in words::contests(summary) {
         text.push_str(&format!("\n{}\n{}\n", contest.given, table_of(&contest.table)));
         for sentence in contest.sentences {

@@ -10,7 +10,7 @@ use std::f64::consts::TAU;
 use rayon::prelude::*;
 
 use super::DRAWN;
-use super::score::{of_pipeline, with_answer};
+use super::score::{false_corner, known_corner, of_pipeline};
 use shape::{SIZE, Shape, ShapeBuffers};
 
 use crate::bound::junction_bound;
@@ -18,7 +18,7 @@ use crate::detect::Detection;
 use crate::geometry::{Camera, Distortion, ImagePoint};
 use crate::plan::{Cell, Factors, Kind, Pipeline, Plan, Seeds};
 use crate::random::Stream;
-use crate::record::{Record, kind, status, track};
+use crate::record::{Record, track};
 use crate::refine::Corner;
 use crate::sensor::{Colour, Exposure, Kernel, PhotographBuffers, Photographer, Shot};
 
@@ -236,12 +236,9 @@ impl Frame {
             .min_by(|a, b| far_px(&corners[*a]).total_cmp(&far_px(&corners[*b])));
         let own = nearest.map(|index| corners.remove(index));
         let mut records = vec![self.corner_record(template, own.as_ref())];
-        records.extend(corners.iter().map(|corner| Record {
-            kind: kind::FALSE_CORNER.to_owned(),
-            status: status::FALSE.to_owned(),
-            cause: Some(self.place(corner.seed.point, gate_px).to_owned()),
-            nearest_corner_px: Some(far_px(corner)),
-            ..with_answer(template, corner)
+        records.extend(corners.iter().map(|corner| {
+            let place = self.place(corner.seed.point, gate_px);
+            false_corner(template, corner, place, Some(far_px(corner)))
         }));
         records
     }
@@ -254,18 +251,10 @@ impl Frame {
             [dx * along_x + dy * along_y, dy * along_x - dx * along_y]
         });
         Record {
-            kind: kind::CORNER.to_owned(),
-            status: if answer.is_some() { status::OK } else { status::MISSED }.to_owned(),
-            corner_index: Some(0),
-            visibility: Some("visible".to_owned()),
             bound_r10_px: self.bound_px,
-            true_x_px: Some(x),
-            true_y_px: Some(y),
-            detected_error_px: answer.map(|answer| answer.seed.point.distance_px(self.vertex)),
-            refined_error_px: answer.map(|answer| answer.position.distance_px(self.vertex)),
             refined_along_px: own.map(|[along, _]| along),
             refined_across_px: own.map(|[_, across]| across),
-            ..answer.map_or_else(|| template.clone(), |answer| with_answer(template, answer))
+            ..known_corner(template, 0, self.vertex, answer)
         }
     }
 

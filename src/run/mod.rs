@@ -1,13 +1,16 @@
-//! Executes a plan over a dataset, or over drawn junctions: every scene photographed, every pipeline run, every answer
-//! scored.
+//! Executes a plan over a dataset, over drawn junctions, or over pictures of one's own: every scene photographed, every
+//! pipeline run, every answer scored.
 //!
-//! Each scene's rows, or those of a cell of drawn junctions, become a file of their own as soon as they are there, and one file of them all in the end: a run
-//! that was killed goes on where it was, and memory does not grow with the suite.
+//! Each scene's rows, those of a cell of drawn junctions, or those of a picture become a file of their own as soon as they
+//! are there, and one file of them all in the end: a run that was killed goes on where it was, and memory does not grow
+//! with the suite.
 
 mod answers;
 mod drawn;
+mod identity;
 mod known;
 mod merge;
+mod own;
 mod parts;
 mod photographs;
 mod pictures;
@@ -19,13 +22,12 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use rayon::prelude::*;
-use serde_json::json;
 
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::files::{write_json, write_whole};
-use crate::plan::{Cell, Pipeline, Plan};
-use crate::record::{Record, RunDescription, join_records, kind, read_records, write_records};
-use crate::scene::{Dataset, Split, sha256_hex};
+use crate::plan::{Cell, Pipeline, Plan, Seeds, Shots};
+use crate::record::{Record, join_records, kind, read_records, write_records};
+use crate::scene::{Dataset, Split};
 use crate::sensor::Photographer;
 
 use drawn::Booth;
@@ -33,9 +35,10 @@ use parts::Parts;
 
 pub use known::{Known, known_answers};
 pub use merge::merge;
+pub use own::Album;
 pub use photographs::{Photographs, Wanted, photograph};
 
-/// Which scenes of a dataset are measured.
+/// Which scenes of a dataset, or which pictures, are measured.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Choice {
     /// Those of one split.
@@ -97,11 +100,18 @@ const DRAWN: &str = "drawn";
 /// A run that is to be: all that decides what is measured.
 pub struct Run<'a> {
     plan: &'a Plan,
-    /// None of drawn junctions.
-    dataset: Option<&'a Dataset>,
+    source: Source<'a>,
     /// All of them.
     units: Vec<Unit<'a>>,
     shard: Option<Shard>,
+}
+
+/// Where images come from.
+#[derive(Clone, Copy)]
+enum Source<'a> {
+    Dataset(&'a Dataset),
+    Album(&'a Album<'a>),
+    Drawn,
 }
 
 /// What is measured as a whole, and has a group of rows of its own.
@@ -113,6 +123,8 @@ struct Unit<'a> {
 enum Images<'a> {
     /// A scene of the dataset, by all cameras.
     Scene(&'a Dataset),
+    /// A picture of one's own: which.
+    Picture(&'a Album<'a>, usize),
     /// Drawn junctions, by one camera.
     Drawn(&'a Cell, &'a Photographer),
 }
@@ -120,7 +132,7 @@ enum Images<'a> {
 /// How much a run has to do.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Extent {
-    /// Scenes, or cells of drawn junctions, each by a camera.
+    /// Scenes, pictures, or cells of drawn junctions, each by a camera.
     pub scenes: usize,
     /// Photographs, of all of them.
     pub exposures: usize,
@@ -143,7 +155,7 @@ impl<'a> Run<'a> {
         };
         let unit = |name: &str| Unit { name: name.to_owned(), images: Images::Scene(dataset) };
         let units = dataset.scenes().filter(is_wanted).map(unit).collect();
-        Self { plan, dataset: Some(dataset), units, shard: choice.shard }
+        Self { plan, source: Source::Dataset(dataset), units, shard: choice.shard }
     }
 
     /// The run of a plan over the junctions that it draws.
@@ -153,7 +165,36 @@ impl<'a> Run<'a> {
             images: Images::Drawn(cell, camera),
         };
         let of_cell = |cell| plan.cameras.iter().map(move |camera| unit(cell, camera));
-        Self { plan, dataset: None, units: plan.cells.iter().flat_map(of_cell).collect(), shard }
+        let units = plan.cells.iter().flat_map(of_cell).collect();
+        Self { plan, source: Source::Drawn, units, shard }
+    }
+
+    /// The run of a plan over the pictures of `choice`. Pipelines end with corners; cameras, phases and repeats of the
+    /// plan do not apply.
+    ///
+    /// # Errors
+    /// When all pipelines are given seeds about known corners, and none is known.
+    pub fn of_album(plan: &'a Plan, album: &'a Album<'a>, choice: Choice) -> Result<Self> {
+        let is_given = |pipeline: &Pipeline| matches!(pipeline.seeds, Seeds::Disc { .. });
+        if album.without_known_corners().count() == album.len()
+            && plan.pipelines.iter().all(is_given)
+        {
+            return Err(Error::Other(format!(
+                "plan {}: all of its pipelines are given seeds about known corners, and of these pictures no corner is \
+                 known; give --known FILE, or take a plan with a detector: cornerbench list plans",
+                plan.name
+            )));
+        }
+        let units = album
+            .names()
+            .enumerate()
+            .filter(|(_, (_, split))| choice.split.is_none_or(|wanted| *split == wanted))
+            .map(|(index, (name, _))| Unit {
+                name: name.to_owned(),
+                images: Images::Picture(album, index),
+            });
+        let units = units.collect();
+        Ok(Self { plan, source: Source::Album(album), units, shard: choice.shard })
     }
 
     fn own(&self) -> Vec<&Unit<'a>> {
@@ -161,7 +202,7 @@ impl<'a> Run<'a> {
         self.units.iter().skip(first).step_by(count).collect()
     }
 
-    /// How many scenes, or cells of drawn junctions, it measures itself.
+    /// How many scenes, pictures, or cells of drawn junctions, it measures itself.
     pub fn len(&self) -> usize {
         self.own().len()
     }
@@ -182,6 +223,7 @@ impl<'a> Run<'a> {
                     let scene = dataset.read(&unit.name).ok()?;
                     let _ = scene::measure(self.plan, dataset.suite(), &scene, None);
                 }
+                Images::Picture(album, index) => drop(album.rows(self.plan, index, None)),
                 Images::Drawn(cell, camera) => drop(Booth::new(self.plan, cell, camera).rows()),
             }
             Some(start.elapsed())
@@ -190,10 +232,11 @@ impl<'a> Run<'a> {
         let of_scene = self.plan.cameras.len() * (shots.phases * shots.repeats) as usize;
         let exposures = own.iter().map(|unit| match unit.images {
             Images::Scene(_) => of_scene,
+            Images::Picture(..) => 1,
             Images::Drawn(cell, _) => cell.factors.count() as usize,
         });
         // With fewer scenes than threads some have nothing to do; a cell has work for all.
-        let threads = if self.dataset.is_some() { rayon::current_num_threads() } else { 1 };
+        let threads = if self.is_drawn() { 1 } else { rayon::current_num_threads() };
         let turns = u32::try_from(own.len().div_ceil(threads)).unwrap_or(u32::MAX);
         Extent {
             scenes: own.len(),
@@ -227,9 +270,10 @@ impl<'a> Run<'a> {
             Ok(done)
         };
         // A cell's junctions are many, and its rows: one cell after the other.
-        let done: Result<Vec<Done>> = match self.dataset {
-            Some(_) => own.par_iter().map(one).collect(),
-            None => own.iter().map(one).collect(),
+        let done: Result<Vec<Done>> = if self.is_drawn() {
+            own.iter().map(one).collect()
+        } else {
+            own.par_iter().map(one).collect()
         };
         let done = done?;
         let paths: Vec<PathBuf> = own.iter().map(|unit| parts.path(&unit.name)).collect();
@@ -250,7 +294,44 @@ impl<'a> Run<'a> {
         Ok(outcome)
     }
 
-    /// Measures a scene or a cell, unless its part is there.
+    fn is_drawn(&self) -> bool {
+        matches!(self.source, Source::Drawn)
+    }
+
+    /// What takes the photographs, or took the pictures.
+    fn cameras(&self) -> Vec<&'a Photographer> {
+        match self.source {
+            Source::Album(album) => album.camera().into_iter().collect(),
+            _ => self.plan.cameras.iter().collect(),
+        }
+    }
+
+    /// What records call the cameras.
+    pub fn camera_names(&self) -> Vec<&str> {
+        match self.source {
+            Source::Album(album) => vec![album.camera_name()],
+            _ => self.plan.cameras.iter().map(Photographer::name).collect(),
+        }
+    }
+
+    /// What it measures one by one: "scene", "picture" or "cell".
+    pub fn unit(&self) -> &'static str {
+        match self.source {
+            Source::Dataset(_) => "scene",
+            Source::Album(_) => "picture",
+            Source::Drawn => "cell",
+        }
+    }
+
+    /// How often a scene is photographed.
+    fn shots(&self) -> Shots {
+        match self.source {
+            Source::Album(_) => Shots { phases: 1, repeats: 1 },
+            _ => self.plan.shots,
+        }
+    }
+
+    /// Measures a scene, a picture or a cell, unless its part is there.
     fn measure_one(&self, unit: &Unit, part: &Path, output: &Path) -> Result<Done> {
         let has_scene_row = |records: &[Record]| records.iter().any(|r| r.kind == kind::SCENE);
         if part.is_file() {
@@ -268,89 +349,12 @@ impl<'a> Run<'a> {
                     Err(error) => scene::unreadable_by_all(self.plan, suite, name, &error),
                 }
             }
+            Images::Picture(album, index) => {
+                album.rows(self.plan, index, Some(&output.join("scenes").join(&unit.name)))?
+            }
             Images::Drawn(cell, camera) => Booth::new(self.plan, cell, camera).rows(),
         };
         write_whole(part, |path| write_records(path, &records))?;
         Ok(Done { was_there: false, is_unreadable: has_scene_row(&records) })
-    }
-
-    fn description(
-        &self,
-        identity: &str,
-        command: &str,
-        unreadable: Vec<String>,
-    ) -> RunDescription {
-        let Plan { shots, corner_rule, .. } = self.plan;
-        RunDescription {
-            cornerbench_version: env!("CARGO_PKG_VERSION").to_owned(),
-            plan: self.plan.name.clone(),
-            pipelines: self.plan.pipelines.iter().map(Pipeline::description).collect(),
-            cameras: self
-                .plan
-                .cameras
-                .iter()
-                .map(|camera| (camera.name().to_owned(), camera.model().clone()))
-                .collect(),
-            phases: shots.phases,
-            repeats: shots.repeats,
-            cells: self.plan.cells.iter().map(Cell::description).collect(),
-            suite: self.suite().to_owned(),
-            scenes: self.units.iter().map(|unit| unit.name.clone()).collect(),
-            shard: self.shard.map(|shard| shard.to_string()),
-            unreadable,
-            identity_sha256: identity.to_owned(),
-            range_sensor_model: self.plan.range_sensor_model.clone(),
-            range_sensor: self.plan.range_sensor.clone(),
-            gate_px: corner_rule.gate_px,
-            least_edge_px: corner_rule.least_edge_px,
-            most_bound_px: corner_rule.most_bound_px,
-            command: command.to_owned(),
-            machine: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
-            renderers: self.renderers(),
-        }
-    }
-
-    fn suite(&self) -> &str {
-        self.dataset.map_or(DRAWN, Dataset::suite)
-    }
-
-    /// What rendered the scenes, each once.
-    fn renderers(&self) -> Vec<String> {
-        let mut renderers: Vec<String> = self
-            .units
-            .iter()
-            .filter_map(|unit| self.dataset?.renderer(&unit.name))
-            .map(|renderer| format!("{} {} {}", renderer.name, renderer.version, renderer.variant))
-            .collect();
-        renderers.sort();
-        renderers.dedup();
-        renderers
-    }
-
-    /// A hash of all that decides the records: program, plan, cameras, scenes; not which of them.
-    fn identity(&self) -> String {
-        let plan = self.plan;
-        let cameras: Vec<_> =
-            plan.cameras.iter().map(|camera| (camera.name(), camera.model())).collect();
-        let rule = plan.corner_rule;
-        let scenes: Vec<_> = self
-            .units
-            .iter()
-            .map(|unit| (&unit.name, self.dataset.map(|dataset| dataset.fingerprint(&unit.name))))
-            .collect();
-        let cells: Vec<_> = plan.cells.iter().map(Cell::description).collect();
-        let pipelines: Vec<_> = plan.pipelines.iter().map(Pipeline::description).collect();
-        let all = json!({
-            "cornerbench": env!("CARGO_PKG_VERSION"),
-            "cameras": cameras,
-            "shots": plan.shots,
-            "range_sensor": [json!(plan.range_sensor), json!(plan.range_sensor_model)],
-            "rule": [rule.gate_px, rule.least_edge_px, rule.most_bound_px],
-            "pipelines": pipelines,
-            "cells": cells,
-            "suite": self.suite(),
-            "scenes": scenes,
-        });
-        sha256_hex(all.to_string().as_bytes())
     }
 }

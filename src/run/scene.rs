@@ -5,7 +5,7 @@ use std::path::Path;
 
 use super::answers::Answers;
 use super::pictures;
-use super::score::{Scorer, of_pipeline, sketch};
+use super::score::{Scorer, of_pipeline, sketch, unreadable};
 use crate::bound::{Seeing, corner_bounds};
 use crate::detect::Detection;
 use crate::error::{Error, Result};
@@ -14,7 +14,7 @@ use crate::geometry::ImagePoint;
 use crate::metrics::Seen;
 use crate::plan::{Pipeline, Plan, Seeds, Shots};
 use crate::random::Stream;
-use crate::record::{RECORD_VERSION, Record, kind, status};
+use crate::record::Record;
 use crate::scene::{Description, Film, Scene, TrueCorner, Truth};
 use crate::sensor::{
     Exposure, Kernel, PhotographBuffers, Photographer, RangeImage, RangeSensor, Rig, Shot,
@@ -161,7 +161,7 @@ impl Station<'_> {
         let mut records = Vec::new();
         for pipeline in &plan.pipelines {
             let given = match pipeline.seeds {
-                Seeds::Disc { radius_px } => seeds_in_disc(asked, radius_px, &name),
+                Seeds::Disc { radius_px } => seeds_in_disc(points(asked), radius_px, &name),
                 Seeds::Detected { .. } => Vec::new(),
             };
             let answers = Answers::of(pipeline, exposure, rig, &range, &given);
@@ -206,17 +206,20 @@ impl Station<'_> {
 
 /// A seed of each corner, anywhere in a disc about it. A corner has one place in the disc of every radius.
 pub(super) fn seeds_in_disc(
-    corners: &[&TrueCorner],
+    corners: impl Iterator<Item = (usize, ImagePoint)>,
     radius_px: f64,
     name: &[&str],
 ) -> Vec<Detection> {
-    let seed = |corner: &&TrueCorner| {
-        let index = corner.index.to_string();
-        let [x, y] = Stream::named(&[name, &["seed", &index]].concat()).in_disc();
-        let ImagePoint { x: true_x, y: true_y } = corner.image_point_px;
-        Detection::new(ImagePoint::new(true_x + radius_px * x, true_y + radius_px * y), 1.0)
+    let seed = |(index, truth): (usize, ImagePoint)| {
+        let [x, y] = Stream::named(&[name, &["seed", &index.to_string()]].concat()).in_disc();
+        Detection::new(ImagePoint::new(truth.x + radius_px * x, truth.y + radius_px * y), 1.0)
     };
-    corners.iter().map(seed).collect()
+    corners.map(seed).collect()
+}
+
+/// The indices and places of corners.
+pub(super) fn points(corners: &[&TrueCorner]) -> impl Iterator<Item = (usize, ImagePoint)> {
+    corners.iter().map(|corner| (corner.index, corner.image_point_px))
 }
 
 /// What a range sensor tells of a scene; `name` names its noise.
@@ -243,18 +246,4 @@ pub(super) fn unreadable_by_all(
     error: &Error,
 ) -> Vec<Record> {
     plan.cameras.iter().map(|camera| unreadable(suite, scene, camera.name(), error)).collect()
-}
-
-fn unreadable(suite: &str, scene: &str, camera: &str, error: &Error) -> Record {
-    Record {
-        record_version: RECORD_VERSION,
-        cornerbench_version: env!("CARGO_PKG_VERSION").to_owned(),
-        suite: suite.to_owned(),
-        scene: scene.to_owned(),
-        camera: camera.to_owned(),
-        kind: kind::SCENE.to_owned(),
-        status: status::UNREADABLE.to_owned(),
-        reason: Some(error.chain()),
-        ..Record::default()
-    }
 }

@@ -1,7 +1,8 @@
 //! From a pipeline's answers and the truth to records.
 
-use super::answers::{Answers, GraspAnswer};
+use super::answers::{Answers, GraspAnswer, Region};
 use crate::bound::CornerBounds;
+use crate::error::Error;
 use crate::geometry::ImagePoint;
 use crate::metrics::{
     CornerRule, CornerScore, Fate, OtherScore, Seen, covered_face, grasp_error, score_corners,
@@ -35,10 +36,7 @@ impl Scorer<'_> {
             Seeds::Detected { .. } => score_corners(&self.seen, &answers.corners, self.rule),
             Seeds::Disc { .. } => score_seeded(&self.seen, &answers.corners, self.rule),
         };
-        let no_target = match &answers.region {
-            Some(Err(reason)) => Some(format!("no target: {}", reason.name())),
-            _ => None,
-        };
+        let no_target = without_target(answers.region.as_ref());
         let mut records = Vec::new();
         for (corner, score) in truth.corners.iter().zip(&scores.corners) {
             let answer = score.answer.map(|index| &answers.corners[index]);
@@ -151,14 +149,69 @@ pub(super) fn with_answer(template: &Record, answer: &Corner) -> Record {
     }
 }
 
-fn other_record(template: &Record, score: &OtherScore, answer: &Corner) -> Record {
+/// The row of a corner that is asked for and whose place is known, with the answer that is its own, if any.
+pub(super) fn known_corner(
+    template: &Record,
+    index: usize,
+    truth: ImagePoint,
+    answer: Option<&Corner>,
+) -> Record {
+    Record {
+        kind: kind::CORNER.to_owned(),
+        status: if answer.is_some() { status::OK } else { status::MISSED }.to_owned(),
+        corner_index: i32::try_from(index).ok(),
+        visibility: Some(visibility_name(Visibility::Visible).to_owned()),
+        true_x_px: Some(truth.x),
+        true_y_px: Some(truth.y),
+        detected_error_px: answer.map(|answer| answer.seed.point.distance_px(truth)),
+        refined_error_px: answer.map(|answer| answer.position.distance_px(truth)),
+        ..answer.map_or_else(|| template.clone(), |answer| with_answer(template, answer))
+    }
+}
+
+/// The row of an answer that is no corner's.
+pub(super) fn false_corner(
+    template: &Record,
+    answer: &Corner,
+    cause: &str,
+    nearest_corner_px: Option<f64>,
+) -> Record {
     Record {
         kind: kind::FALSE_CORNER.to_owned(),
-        status: if score.place.is_ignored() { status::IGNORED } else { status::FALSE }.to_owned(),
-        cause: Some(score.place.name().to_owned()),
-        nearest_corner_px: score.nearest_corner_px,
+        status: status::FALSE.to_owned(),
+        cause: Some(cause.to_owned()),
+        nearest_corner_px,
         ..with_answer(template, answer)
     }
+}
+
+/// The row of a scene of which something could not be read or photographed.
+pub(super) fn unreadable(suite: &str, scene: &str, camera: &str, error: &Error) -> Record {
+    Record {
+        record_version: RECORD_VERSION,
+        cornerbench_version: env!("CARGO_PKG_VERSION").to_owned(),
+        suite: suite.to_owned(),
+        scene: scene.to_owned(),
+        camera: camera.to_owned(),
+        kind: kind::SCENE.to_owned(),
+        status: status::UNREADABLE.to_owned(),
+        reason: Some(error.chain()),
+        ..Record::default()
+    }
+}
+
+/// Why corners are missed, where no target is found.
+pub(super) fn without_target(region: Option<&Region>) -> Option<String> {
+    match region {
+        Some(Err(reason)) => Some(format!("no target: {}", reason.name())),
+        _ => None,
+    }
+}
+
+fn other_record(template: &Record, score: &OtherScore, answer: &Corner) -> Record {
+    let OtherScore { place, nearest_corner_px, .. } = *score;
+    let status = if place.is_ignored() { status::IGNORED } else { status::FALSE }.to_owned();
+    Record { status, ..false_corner(template, answer, place.name(), nearest_corner_px) }
 }
 
 fn junction_record(template: &Record, junction: &FalseJunction, response: Option<f64>) -> Record {

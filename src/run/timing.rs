@@ -5,9 +5,9 @@ use std::time::{Duration, Instant};
 
 use rayon::prelude::*;
 
-use super::Run;
 use super::answers::{grasp, seeds};
-use super::scene::{Station, range_image, seeds_in_disc};
+use super::scene::{Station, points, range_image, seeds_in_disc};
+use super::{Run, Source};
 use crate::detect::Detection;
 use crate::error::{Error, Result};
 use crate::files::write_json;
@@ -39,13 +39,14 @@ type Stages = [f64; 3];
 impl Run<'_> {
     /// Times every pipeline on photographs of some of the scenes, evenly chosen, and writes `output`/timing.json. All
     /// pipelines take turns on each photograph, none is always first; the first round, which warms caches up, does not
-    /// count. A scene that cannot be read or photographed is left out. Of drawn junctions there is no such file.
+    /// count. A scene that cannot be read or photographed is left out. Of drawn junctions and of pictures of one's own there is
+    /// no such file.
     ///
     /// # Errors
     /// When the file cannot be written, or one thread cannot be had.
     pub fn time(&self, output: &Path) -> Result<()> {
         // Drawn junctions are so small that fixed costs would be most of a time.
-        let Some(dataset) = self.dataset else { return Ok(()) };
+        let Source::Dataset(dataset) = self.source else { return Ok(()) };
         let own: Vec<&str> = self.own().iter().map(|unit| unit.name.as_str()).collect();
         let count = own.len().min(MOST_SCENES);
         let scenes: Vec<&str> = (0..count).map(|index| own[index * own.len() / count]).collect();
@@ -82,7 +83,9 @@ impl Run<'_> {
         let station = Station { plan, suite, scene: &scene, camera, kernel: &kernel, phase: 0 };
         station.show(film, 0, &mut PhotographBuffers::default(), |shown| {
             let given = |pipeline: &Pipeline| match pipeline.seeds {
-                Seeds::Disc { radius_px } => seeds_in_disc(shown.asked, radius_px, &shown.name),
+                Seeds::Disc { radius_px } => {
+                    seeds_in_disc(points(shown.asked), radius_px, &shown.name)
+                }
                 Seeds::Detected { .. } => Vec::new(),
             };
             Some(Photograph {

@@ -18,6 +18,7 @@ mod lines;
 mod opencv;
 mod oracle;
 mod own;
+mod own_runs;
 mod peaks;
 mod python;
 mod range_sensors;

@@ -17,7 +17,7 @@ use crate::support::{cornerbench, run, stderr, succeed};
 
 const SIZE: usize = 48;
 /// So many pictures are in a folder.
-const COUNT: usize = 6;
+pub const COUNT: usize = 6;
 
 /// Where the corner of a picture is.
 fn vertex(index: usize) -> [f64; 2] {
@@ -90,7 +90,7 @@ fn save(path: &Path, kind: &str, light: &Plane<f32>) {
 }
 
 /// A folder of pictures with known corners in known.csv and known.json, counted from an offset.
-fn folder(kind: &str, offset_px: f64) -> tempfile::TempDir {
+pub fn folder(kind: &str, offset_px: f64) -> tempfile::TempDir {
     let folder = tempfile::tempdir().expect("a folder");
     let (mut csv, mut json) = ("y_px,image,name,x_px\n".to_owned(), serde_json::Map::new());
     for index in 0..COUNT {

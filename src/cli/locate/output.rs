@@ -5,6 +5,7 @@ use std::path::Path;
 use serde_json::json;
 
 use super::{Options, Task};
+use crate::cli::own::NO_CAMERA;
 use crate::cli::{Global, print, print_line};
 use crate::error::{Error, Result};
 use crate::files::write_whole;
@@ -78,10 +79,8 @@ pub(super) fn show(
         write_csv(path, task, located)?;
     }
     let has_covariance = rows(located).any(|row| row.corner.covariance_px2.is_some());
-    if options.camera.is_none() && has_covariance {
-        global.say(
-            "covariances assume that samples are rounded and free of other noise; --camera NAME takes a camera's",
-        );
+    if options.own.camera.is_none() && has_covariance {
+        global.say(NO_CAMERA);
     }
     let unknown = located.iter().filter(|picture| picture.known.is_empty()).count();
     if task.known.is_some() && unknown > 0 {
@@ -202,19 +201,10 @@ fn scores(options: &Options, task: &Task, located: &[Located]) -> String {
              others.\n",
         );
     }
-    if let Some(origin) = likely_origin(located, options.origin) {
-        text.push_str(&format!("NOTE: {}\n", origin_note(origin.name())));
+    if let Some(origin) = likely_origin(located, options.own.origin()) {
+        text.push_str(&format!("NOTE: {}\n", origin.note()));
     }
     text
-}
-
-fn origin_note(name: &str) -> String {
-    let from = match name {
-        "pixel-corner" => "the pixel's corner",
-        "matlab" => "(1, 1) at the first pixel's centre",
-        _ => "the first pixel's centre",
-    };
-    format!("your known corners look as if counted from {from}; try --origin {name}")
 }
 
 /// Which refiners have an opinion of their own.
@@ -276,7 +266,7 @@ fn show_json(options: &Options, task: &Task, located: &[Located]) -> Result<()> 
             .enumerate()
             .map(|(refiner, name)| json!({ "refiner": name, "score": score(located, refiner) }))
             .collect();
-        let origin = likely_origin(located, options.origin).map(|origin| origin.name());
+        let origin = likely_origin(located, options.own.origin()).map(|origin| origin.name());
         print_line(json!({ "scores": scores, "likely_origin": origin }))
     } else if task.refiners.len() > 1 {
         let Agreement { pairs, refiners } = agreement(located, &counted(task));

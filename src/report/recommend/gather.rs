@@ -5,7 +5,7 @@ use std::path::Path;
 
 use super::{ALL, ClassBy, Measured};
 use crate::error::{Error, Result};
-use crate::record::{Record, RunDescription, kind};
+use crate::record::{Record, RunDescription, kind, status};
 use crate::report::gospa::Cost;
 
 /// Of each scene the squared error of all corners \[px^2\], the corners asked for, and what false answers are of the
@@ -115,8 +115,10 @@ pub(super) type Methods = Vec<(String, Splits)>;
 /// The sums of each scene, by what is judged together and by method.
 pub(super) fn collect(runs: &[Measured], class_by: ClassBy) -> Vec<(Group, Methods)> {
     let mut found: Vec<(Group, BTreeMap<&str, Splits>)> = Vec::new();
-    let is_judged =
-        |record: &&Record| [kind::CORNER, kind::FALSE_CORNER].contains(&record.kind.as_str());
+    let is_judged = |record: &&Record| {
+        [kind::CORNER, kind::FALSE_CORNER].contains(&record.kind.as_str())
+            && record.status != status::UNKNOWN
+    };
     for record in runs.iter().flat_map(|one| &one.records).filter(is_judged) {
         let cost = Cost::of(record);
         let scene = format!("{}/{}", record.suite, record.scene);

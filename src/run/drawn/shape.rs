@@ -274,7 +274,7 @@ mod tests {
             let film = shape.film([1.0; 3]);
             let shot = Shot { name: &[""], window: None };
             let mut buffers = PhotographBuffers::default();
-            let frame = super::super::frame();
+            let frame = crate::run::drawn::frame();
             let light = camera.expose(&film, &frame, &kernel, &shot, &mut buffers).light;
             for y in 8..SIZE - 8 {
                 for x in 8..SIZE - 8 {
