@@ -31,7 +31,7 @@ struct Alternative {
 }
 
 /// All pipelines that a pipeline's table stands for, each with a name of its own: the table's, then what was
-/// chosen, in the order of the stages. A stage is a table, or an algorithm's name alone, or a list of these; a
+/// chosen, in the order of the stages; where there is neither, its algorithms. A stage is a table, or an algorithm's name alone, or a list of these; a
 /// value of a stage's table may be a list; the algorithm "all" is every one.
 ///
 /// # Errors
@@ -60,13 +60,21 @@ pub(super) fn pipelines(place: &str, table: &Table) -> Result<Vec<Table>> {
     }
     let named = |Alternative { labels, mut table }: Alternative| {
         let own = table.get("name").and_then(Value::as_str).filter(|name| !name.is_empty());
-        let words: Vec<String> = own.map(str::to_owned).into_iter().chain(labels).collect();
+        let mut words: Vec<String> = own.map(str::to_owned).into_iter().chain(labels).collect();
+        if words.is_empty() {
+            words = stages().iter().filter_map(|(stage, _)| algorithm(&table, stage)).collect();
+        }
         if !words.is_empty() {
             table.insert("name".to_owned(), words.join("-").into());
         }
         table
     };
     Ok(found.into_iter().map(named).collect())
+}
+
+/// The algorithm of a stage.
+fn algorithm(table: &Table, stage: &str) -> Option<String> {
+    table.get(stage)?.get("algorithm")?.as_str().map(str::to_owned)
 }
 
 /// A value of a stage, and what tells it from the others.
@@ -200,6 +208,7 @@ mod tests {
             ["harris", "fast"],
             "a single refiner tells nothing apart"
         );
+        assert_eq!(names("detect = 'harris'\nrefine = 'none'"), ["harris-none"]);
         let all = names("seeds.disc_px = 1\nrefine.algorithm = 'all'");
         assert_eq!(all.len(), REFINERS.len());
         assert_eq!(all[0], REFINERS[0].name);

@@ -149,8 +149,8 @@ fn neighbours_and_round_corners_mislead_and_mosaics_of_red_corners_tell_less() {
     let bias = |cell: usize| number(&summary["cells"][cell]["methods"][0], "bias_along_px");
     let error = |cell: usize| number(&summary["cells"][cell]["methods"][0], "rmse_px");
     assert!(error(0) > 2.0 * error(1), "{} {}", error(0), error(1));
-    // The round corner is 4 (sqrt(2) - 1) = 1.66 px from where its edges meet.
-    assert!((1.0..2.5).contains(&(bias(3) - bias(2))), "{} {}", bias(3), bias(2));
+    // The round corner is 4 (sqrt(2) - 1) = 1.66 px from where its edges meet; these pull the answer back.
+    assert!((0.5..1.66).contains(&(bias(3) - bias(2))), "{} {}", bias(3), bias(2));
 
     let (records, summary) = measured(
         "camera = ['bench', 'bench-malvar']
@@ -229,7 +229,7 @@ fn tables_go_between_the_marks_of_a_file() {
     let (code, said, text) = splice(marks);
     assert_eq!(code, Some(0), "{said}");
     assert!(text.starts_with("before\n<!-- results of own: cells -->\n\n`cornerbench measure own"));
-    assert!(text.contains("| junction | Gaussian blur px |") && !text.contains("old"), "{text}");
+    assert!(text.contains("| Gaussian blur px | junction |") && !text.contains("old"), "{text}");
     assert!(text.contains("<!-- end of results -->\nbetween\n") && text.ends_with("\nafter\n"));
     assert_eq!(splice(&text).2, text, "again, and nothing changes");
 }
