@@ -69,7 +69,7 @@ pub(super) fn run(global: &Global, options: &Options) -> Result<Ended> {
     if !folder.is_dir() || folder.join("dataset.json").is_file() {
         let dataset = Dataset::open(&folder)?;
         check_dataset(&dataset, options)?;
-        let run = Run::new(&plan, &dataset, choice);
+        let run = Run::new(&plan, &dataset, choice)?;
         return run_one(global, options, &plan, &run, Some(dataset.suite()));
     }
     check_pictures(&folder)?;
@@ -191,7 +191,7 @@ pub(super) fn measure_all(
     output: &Path,
 ) -> Result<Ended> {
     let plan = Plan::read(&project::recipes(global)?, plan)?;
-    measure(global, &Run::new(&plan, dataset, Choice::default()), output, false, true)
+    measure(global, &Run::new(&plan, dataset, Choice::default())?, output, false, true)
 }
 
 fn measure(

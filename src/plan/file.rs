@@ -20,6 +20,8 @@ pub(super) struct PlanFile {
     pub summary: String,
     /// Files of the folder `cameras`: one, or a list.
     pub camera: Names,
+    /// Families of the scenes to measure, as the folder `families` has them; none is all.
+    pub families: Vec<String>,
     /// Places of the pixels' grid on the image: the first as rendered, the others evenly spread.
     #[schemars(range(min = 1, max = 65536))]
     pub phases: u32,
@@ -60,6 +62,7 @@ impl Default for PlanFile {
         Self {
             summary: String::new(),
             camera: Names::One("ideal".into()),
+            families: Vec::new(),
             phases: 1,
             repeats: 1,
             range_sensor: "ideal".into(),

@@ -35,6 +35,8 @@ pub struct Plan {
     pub cameras: Vec<Photographer>,
     /// Junctions to draw instead of a rendered dataset, if there are any.
     pub cells: Vec<Cell>,
+    /// Families of the scenes to measure; none is all.
+    pub families: Vec<String>,
     /// How each of them photographs a scene.
     pub shots: Shots,
     /// Name of the range sensor.
@@ -172,8 +174,15 @@ impl Plan {
         if pipelines.is_empty() {
             return Err(Error::Other(format!("{place}: no pipelines; add a [[pipelines]] table")));
         }
+        check_families(&place, recipes, &file.families)?;
         let cells = drawn::cells(&place, &file.drawn)?;
         if !cells.is_empty() {
+            if !file.families.is_empty() {
+                return Err(Error::Other(format!(
+                    "{place}: families are of rendered scenes, and junctions are drawn; leave out `families`, or \
+                     [[drawn]]"
+                )));
+            }
             check_drawn(&place, &pipelines)?;
             check_noise(&place, &cells, &cameras)?;
         }
@@ -185,6 +194,7 @@ impl Plan {
             summary: file.summary,
             cameras,
             cells,
+            families: file.families,
             shots: Shots { phases: file.phases, repeats: file.repeats },
             range_sensor: file.range_sensor,
             range_sensor_model,
@@ -195,6 +205,20 @@ impl Plan {
             },
             pipelines,
         })
+    }
+}
+
+/// Refuses families that there are none of.
+fn check_families(place: &str, recipes: &Path, families: &[String]) -> Result<()> {
+    let known = recipe_names(recipes, "families");
+    match families.iter().find(|family| !known.contains(family)) {
+        Some(family) => Err(Error::UnknownName {
+            place: place.to_owned(),
+            kind: "family".to_owned(),
+            found: family.clone(),
+            known,
+        }),
+        None => Ok(()),
     }
 }
 

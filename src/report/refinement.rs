@@ -40,6 +40,8 @@ pub struct Refined {
     pub scenes: usize,
     /// Share of all that were declined, or are off by more than [`FAILED_PX`].
     pub failed: Option<Estimate>,
+    /// Of all the shares that were answered within each of [`WITHIN_PX`].
+    pub within: [Option<Estimate>; WITHIN_PX.len()],
     /// Root mean square \[px\].
     pub rmse_px: Option<Estimate>,
     /// Median \[px\].
@@ -58,7 +60,8 @@ pub struct Refined {
     pub offset_px: [Option<Estimate>; 2],
     /// Root mean square error about the means in the corner's own frame, of both coordinates \[px\].
     pub spread_px: Option<Estimate>,
-    /// Root mean square error over that of the bounds from the pixels within 10 px.
+    /// Root mean square error over that of the bounds from the pixels within 10 px, of the corners that these bound to
+    /// [`MOST_BOUND_PX`].
     pub rmse_over_bound: Option<Estimate>,
     /// Mean square of these bounds over that of the errors: 1 at the limit.
     pub efficiency: Option<Estimate>,
@@ -97,6 +100,13 @@ pub const CLEAR_PX: f64 = 20.0;
 /// An answer is a failure that is off by more \[px\].
 pub const FAILED_PX: f64 = 1.0;
 
+/// How near an answer is wanted \[px\].
+pub const WITHIN_PX: [f64; 3] = [0.1, 0.25, 0.5];
+
+/// Beyond it a bound says nothing: where noise keeps a corner from being found at all, one near the seed is below it
+/// \[px\].
+pub const MOST_BOUND_PX: f64 = 0.5;
+
 /// Summarises the records of one method.
 pub fn summarise(records: &[&Record]) -> RefinementSummary {
     let found: Vec<&Record> = records.iter().copied().filter(|record| is_given(record)).collect();
@@ -129,9 +139,12 @@ pub struct RefinedStratum {
     pub answered: usize,
     /// Share of all that were declined, or are off by more than [`FAILED_PX`].
     pub failed: Option<Estimate>,
+    /// Of all the shares that were answered within each of [`WITHIN_PX`].
+    pub within: [Option<Estimate>; WITHIN_PX.len()],
     /// Root mean square error of the answers \[px\].
     pub rmse_px: Option<Estimate>,
-    /// The same over that of the bounds from the pixels within 10 px.
+    /// The same over that of the bounds from the pixels within 10 px, of the corners that these bound to
+    /// [`MOST_BOUND_PX`].
     pub rmse_over_bound: Option<Estimate>,
 }
 
@@ -153,6 +166,7 @@ fn strata(records: &[&Record], name: impl Fn(&Record) -> Option<&str>) -> Vec<Re
             asked: count(Sum::Asked),
             answered: count(Sum::Answered),
             failed: estimate(&sums, &|sums| ratio(sums, Sum::Failed, Sum::Asked)),
+            within: within(&sums),
             rmse_px: rms(&sums, Sum::Square, Sum::Answered),
             rmse_over_bound: rms(&sums, Sum::SquareOfBounded, Sum::BoundSquare),
         }
@@ -196,6 +210,9 @@ pub(super) fn is_answered(record: &Record) -> bool {
 enum Sum {
     Asked,
     Failed,
+    WithinA,
+    WithinB,
+    WithinC,
     Answered,
     Square,
     X,
@@ -210,6 +227,9 @@ enum Sum {
     Normed,
     NormedSquare,
 }
+
+/// One for each of [`WITHIN_PX`].
+const WITHIN: [Sum; WITHIN_PX.len()] = [Sum::WithinA, Sum::WithinB, Sum::WithinC];
 
 const SUMS: usize = Sum::NormedSquare as usize + 1;
 
@@ -236,6 +256,9 @@ fn sums_of(record: &Record) -> Sums {
     }
     let Some(error_px) = error_px else { return sums };
     add(Sum::Answered, 1.0);
+    for (sum, within_px) in WITHIN.into_iter().zip(WITHIN_PX) {
+        add(sum, f64::from(error_px <= within_px));
+    }
     add(Sum::Square, error_px * error_px);
     let off = |at: Option<f64>, truth: Option<f64>| at.zip(truth).map_or(0.0, |(a, b)| a - b);
     add(Sum::X, off(record.refined_x_px, record.true_x_px));
@@ -246,7 +269,7 @@ fn sums_of(record: &Record) -> Sums {
         add(Sum::Along, along_px);
         add(Sum::Across, across_px);
     }
-    if let Some(bound_px) = record.bound_r10_px {
+    if let Some(bound_px) = record.bound_r10_px.filter(|px| *px <= MOST_BOUND_PX) {
         add(Sum::Bounded, 1.0);
         add(Sum::SquareOfBounded, error_px * error_px);
         add(Sum::BoundSquare, bound_px * bound_px);
@@ -286,6 +309,7 @@ impl Refined {
             answered: answers.clone().count(),
             scenes: with_answers.count(),
             failed: of_sums(&|sums| ratio(sums, Sum::Failed, Sum::Asked)),
+            within: within(&sums),
             rmse_px: rms(&sums, Sum::Square, Sum::Answered),
             median_px: quantile(0.5),
             p95_px: quantile(0.95),
@@ -312,6 +336,11 @@ impl Refined {
 /// The logarithm: on its scale squares are spread more evenly.
 pub(super) fn log(value: Option<f64>) -> Option<f64> {
     value.filter(|value| *value > 0.0).map(f64::ln)
+}
+
+/// Of all the shares that were answered within each of [`WITHIN_PX`].
+fn within(scenes: &[Sums]) -> [Option<Estimate>; WITHIN_PX.len()] {
+    WITHIN.map(|sum| estimate(scenes, &|sums| ratio(sums, sum, Sum::Asked)))
 }
 
 /// The root of the ratio of two sums over scenes; its interval is that of the logarithm.
@@ -394,10 +423,22 @@ mod tests {
         near(all.bias_along_px, 0.35);
         near(all.spread_px, 0.05);
         near(all.median_px, 0.35);
+        near(all.within[1], 0.0);
+        near(all.within[2], 2.0 / 3.0);
         // (0.09 + 0.16) / 0.04 / 2, as mean and as median of two.
         near(all.nees, 3.125);
         assert!((all.median_normed_square.expect("two") - 3.125).abs() < 1e-9);
         assert_eq!(statuses["diverged"], 1);
+    }
+
+    #[test]
+    fn what_noise_hides_has_no_part_in_the_ratio_to_the_bound() {
+        let clear = corner("a", 0.3, None, "ok");
+        let hidden = Record { bound_r10_px: Some(130.0), ..corner("b", 0.5, None, "ok") };
+        let all = summarise(&[&clear, &hidden]).all;
+        assert!((value(all.rmse_over_bound) - 3.0).abs() < 1e-12, "{:?}", all.rmse_over_bound);
+        assert!((value(all.efficiency) - 1.0 / 9.0).abs() < 1e-12);
+        assert!((value(all.rmse_px) - 0.17_f64.sqrt()).abs() < 1e-12, "its error counts");
     }
 
     #[test]

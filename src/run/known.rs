@@ -65,6 +65,7 @@ pub fn known_answers(dataset: &Dataset, camera: Photographer) -> Result<Vec<Reco
         summary: String::new(),
         cameras: vec![camera],
         cells: Vec::new(),
+        families: Vec::new(),
         shots: Shots { phases: 1, repeats: 1 },
         range_sensor: String::new(),
         range_sensor_model: RangeSensor::default(),

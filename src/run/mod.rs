@@ -146,16 +146,34 @@ pub struct Extent {
 
 impl<'a> Run<'a> {
     /// The run of a plan over the scenes of `choice`.
-    pub fn new(plan: &'a Plan, dataset: &'a Dataset, choice: Choice) -> Self {
-        // A scene whose description cannot be read is no less unreadable for belonging to either split.
+    ///
+    /// # Errors
+    /// When the dataset has none of these.
+    pub fn new(plan: &'a Plan, dataset: &'a Dataset, choice: Choice) -> Result<Self> {
+        let families = &plan.families;
+        let is_any = choice.split.is_none() && families.is_empty();
+        // A scene whose description cannot be read is no less unreadable for belonging to a split or a family.
         let is_wanted = |name: &&str| {
-            choice.split.is_none_or(|wanted| {
-                dataset.describe(name).map_or(true, |scene| scene.split == wanted)
-            })
+            is_any
+                || dataset.describe(name).map_or(true, |scene| {
+                    choice.split.is_none_or(|wanted| scene.split == wanted)
+                        && (families.is_empty() || families.contains(&scene.family))
+                })
         };
         let unit = |name: &str| Unit { name: name.to_owned(), images: Images::Scene(dataset) };
-        let units = dataset.scenes().filter(is_wanted).map(unit).collect();
-        Self { plan, source: Source::Dataset(dataset), units, shard: choice.shard }
+        let units: Vec<Unit> = dataset.scenes().filter(is_wanted).map(unit).collect();
+        if units.is_empty() && !is_any {
+            let split = choice.split.map(|split| format!("split {}", split.name()));
+            let families =
+                (!families.is_empty()).then(|| format!("families {}", families.join(", ")));
+            return Err(Error::Other(format!(
+                "plan {}: suite {} has no scene of {}; measure another dataset, or a plan without them",
+                plan.name,
+                dataset.suite(),
+                split.into_iter().chain(families).collect::<Vec<_>>().join(" and of "),
+            )));
+        }
+        Ok(Self { plan, source: Source::Dataset(dataset), units, shard: choice.shard })
     }
 
     /// The run of a plan over the junctions that it draws.

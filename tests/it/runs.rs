@@ -277,6 +277,9 @@ fn plans_that_make_no_sense_say_why() {
     let cases = [
         ("camera = ['ideal', 'ideal']", "seeds.disc_px = 1", "two cameras are called \"ideal\""),
         ("camera = 'idael'", "seeds.disc_px = 1", "did you mean \"ideal\""),
+        ("families = ['bord']", "seeds.disc_px = 1", "did you mean \"board\""),
+        ("families = ['board']", "seeds.disc_px = 1", "has no scene of families board"),
+        ("families = ['board']\n[[drawn]]", "seeds.disc_px = 1", "leave out `families`"),
         ("phases = 0", "seeds.disc_px = 1", "phases"),
         ("", "seeds.disc_px = -1", "disc_px"),
         ("", "seeds.disk_px = 1", "did you mean \"disc_px\""),

@@ -1,5 +1,7 @@
 //! Curves over what differs between cells: a panel for each combination of the rest, a line for each method.
 
+use std::ops::Range;
+
 use plotters::coord::Shift;
 use plotters::coord::ranged1d::{AsRangedCoord, ValueFormatter};
 use plotters::prelude::*;
@@ -92,7 +94,8 @@ pub(super) fn draw(sheet: &Sheet, quantity: Quantity) -> Result<String> {
             let range = range.clone();
             match quantity {
                 Quantity::Error => {
-                    draw_panel(area, sheet, panel, quantity, range.start, range.log_scale())
+                    let scale = range.clone().log_scale().with_key_points(steps(&range));
+                    draw_panel(area, sheet, panel, quantity, range.start, scale)
                 }
                 _ => draw_panel(area, sheet, panel, quantity, range.start, range),
             }
@@ -147,6 +150,17 @@ fn range(sheet: &Sheet, quantity: Quantity) -> std::ops::Range<f64> {
     }
 }
 
+/// What a logarithmic axis names: 1, 2, 5 and their decades, or these alone where they are many.
+fn steps(range: &Range<f64>) -> Vec<f64> {
+    let of = |digits: &[f64]| -> Vec<f64> {
+        let decades = (-6..4).map(|decade| 10_f64.powi(decade));
+        let steps = decades.flat_map(|decade| digits.iter().map(move |digit| digit * decade));
+        steps.filter(|step| range.contains(step)).collect()
+    };
+    let all = of(&[1.0, 2.0, 5.0]);
+    if all.len() > 6 { of(&[1.0]) } else { all }
+}
+
 /// Smaller errors are none \[px\].
 const LEAST_PX: f64 = 1e-5;
 
@@ -168,7 +182,7 @@ where
         .margin(10)
         .caption(sheet.title(panel), ("sans-serif", 14))
         .x_label_area_size(if is_short { 36 } else { 110 })
-        .y_label_area_size(48)
+        .y_label_area_size(56)
         .build_cartesian_2d(-0.3..(last + 0.3), y)?;
     let label_of = |x: &f64| {
         let index = x.round();
@@ -183,7 +197,9 @@ where
         .x_labels(if is_short { 2 * sheet.x_labels.len().max(2) } else { 0 })
         .x_label_formatter(&label_of)
         .x_label_style(("sans-serif", 11))
-        .y_label_formatter(&|value| format!("{}", (1e6 * value).round() / 1e6))
+        .y_labels(6)
+        // Zero has no sign.
+        .y_label_formatter(&|value| format!("{}", (1e6 * value).round() / 1e6 + 0.0))
         .light_line_style(TRANSPARENT)
         .x_desc(if is_short { factor_name(sheet.x) } else { "" })
         .y_desc(quantity.name())
@@ -209,19 +225,25 @@ where
         chart.draw_series(LineSeries::new(bounds, BLACK.stroke_width(3)))?;
     }
     for series in 0..sheet.series.len() {
-        let mut spots: Vec<(f64, Estimate)> = panel
+        let mut spots: Vec<(usize, Estimate)> = panel
             .spots
             .iter()
             .filter(|spot| spot.series == series)
-            .filter_map(|spot| Some((spot.x as f64, quantity.of(spot)?)))
+            .filter_map(|spot| Some((spot.x, quantity.of(spot)?)))
             .collect();
-        spots.sort_by(|a, b| a.0.total_cmp(&b.0));
+        spots.sort_by_key(|(x, _)| *x);
         let floor = if quantity == Quantity::Error { LEAST_PX } else { f64::NEG_INFINITY };
-        let line = spots.iter().map(|(x, estimate)| (*x, estimate.value.max(floor)));
-        chart.draw_series(LineSeries::new(line.clone(), colour(series).stroke_width(2)))?;
-        chart.draw_series(line.map(|at| Circle::new(at, 3, colour(series).filled())))?;
+        let at = |(x, estimate): &(usize, Estimate)| (*x as f64, estimate.value.max(floor));
+        // Nothing lies between a number and a word.
+        for spots in spots.chunk_by(|a, b| sheet.is_number(a.0) == sheet.is_number(b.0)) {
+            let line = spots.iter().map(at);
+            chart.draw_series(LineSeries::new(line, colour(series).stroke_width(2)))?;
+        }
+        let circles = spots.iter().map(|spot| Circle::new(at(spot), 3, colour(series).filled()));
+        chart.draw_series(circles)?;
         let ends = spots.iter().filter_map(|(x, estimate)| {
-            Some([(*x, estimate.low?.max(floor)), (*x, estimate.high?.max(floor))])
+            let x = *x as f64;
+            Some([(x, estimate.low?.max(floor)), (x, estimate.high?.max(floor))])
         });
         chart.draw_series(ends.map(|ends| PathElement::new(ends, colour(series))))?;
     }

@@ -160,6 +160,11 @@ impl Sheet<'_> {
         spots.any(|spot| spot.cell.bound_px.is_some())
     }
 
+    /// Whether a value along x is one; numbers come before words.
+    pub fn is_number(&self, x: usize) -> bool {
+        self.x_labels.get(x).is_some_and(|label| label.parse::<f64>().is_ok())
+    }
+
     /// What sets a panel apart, in words.
     pub fn title(&self, panel: &Panel) -> String {
         let words = self.others.iter().zip(&panel.values).map(|(factor, value)| match *factor {
