@@ -158,6 +158,8 @@ fn open_exr(path: &Path, bytes: &[u8]) -> Result<Samples> {
         .all_channels()
         .all_layers()
         .all_attributes()
+        // Others are read beside it: threads of its own would only add to theirs.
+        .non_parallel()
         .from_buffered(Cursor::new(bytes))
         .map_err(malformed)?;
     let rgb = picture.layer_data.iter().find_map(colours).ok_or_else(|| {

@@ -63,6 +63,8 @@ pub struct Refined {
     /// Root mean square error over that of the bounds from the pixels within 10 px, of the corners that these bound to
     /// [`MOST_BOUND_PX`].
     pub rmse_over_bound: Option<Estimate>,
+    /// Median error over the bound, of the same corners: 0.83 at the limit, where that is the same in all directions.
+    pub median_over_bound: Option<Estimate>,
     /// Mean square of these bounds over that of the errors: 1 at the limit.
     pub efficiency: Option<Estimate>,
     /// Mean squared error over the refiner's own covariance: 2 where that is right.
@@ -146,19 +148,22 @@ pub struct RefinedStratum {
     /// The same over that of the bounds from the pixels within 10 px, of the corners that these bound to
     /// [`MOST_BOUND_PX`].
     pub rmse_over_bound: Option<Estimate>,
+    /// Median error over the bound, of the same corners: 0.83 at the limit, where that is the same in all directions.
+    pub median_over_bound: Option<Estimate>,
 }
 
 /// Corners apart by what `name` says of them, sorted.
 fn strata(records: &[&Record], name: impl Fn(&Record) -> Option<&str>) -> Vec<RefinedStratum> {
-    let mut apart: BTreeMap<&str, BTreeMap<&str, Sums>> = BTreeMap::new();
+    let mut apart: BTreeMap<&str, BTreeMap<&str, (Sums, Vec<f64>)>> = BTreeMap::new();
     for record in records {
         let Some(name) = name(record) else { continue };
         let scenes = apart.entry(name).or_default();
-        let sums = scenes.entry(&record.scene).or_insert([0.0; SUMS]);
+        let (sums, ratios) = scenes.entry(&record.scene).or_insert(([0.0; SUMS], Vec::new()));
         sums.iter_mut().zip(sums_of(record)).for_each(|(sum, more)| *sum += more);
+        ratios.extend(over_bound(record));
     }
-    let stratum = |(name, scenes): (&str, BTreeMap<&str, Sums>)| {
-        let sums: Vec<Sums> = scenes.into_values().collect();
+    let stratum = |(name, scenes): (&str, BTreeMap<&str, (Sums, Vec<f64>)>)| {
+        let (sums, ratios): (Vec<Sums>, Vec<Vec<f64>>) = scenes.into_values().unzip();
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "counts")]
         let count = |sum: Sum| sums.iter().map(|sums| of(sums, sum)).sum::<f64>() as usize;
         RefinedStratum {
@@ -169,6 +174,7 @@ fn strata(records: &[&Record], name: impl Fn(&Record) -> Option<&str>) -> Vec<Re
             within: within(&sums),
             rmse_px: rms(&sums, Sum::Square, Sum::Answered),
             rmse_over_bound: rms(&sums, Sum::SquareOfBounded, Sum::BoundSquare),
+            median_over_bound: quantile(&ratios, 0.5),
         }
     };
     apart.into_iter().map(stratum).collect()
@@ -269,7 +275,7 @@ fn sums_of(record: &Record) -> Sums {
         add(Sum::Along, along_px);
         add(Sum::Across, across_px);
     }
-    if let Some(bound_px) = record.bound_r10_px.filter(|px| *px <= MOST_BOUND_PX) {
+    if let Some(bound_px) = bound_px(record) {
         add(Sum::Bounded, 1.0);
         add(Sum::SquareOfBounded, error_px * error_px);
         add(Sum::BoundSquare, bound_px * bound_px);
@@ -284,20 +290,24 @@ fn sums_of(record: &Record) -> Sums {
 impl Refined {
     /// What records of corners that a refiner was given say.
     pub(super) fn of(records: &[&Record]) -> Self {
-        let mut scenes: BTreeMap<&str, (Sums, Vec<f64>)> = BTreeMap::new();
-        for record in records {
-            let (sums, errors) = scenes.entry(&record.scene).or_insert(([0.0; SUMS], Vec::new()));
-            sums.iter_mut().zip(sums_of(record)).for_each(|(sum, more)| *sum += more);
-            errors.extend(record.refined_error_px.filter(|_| is_answered(record)));
+        #[derive(Clone, Default)]
+        struct Scene {
+            sums: Sums,
+            errors: Vec<f64>,
+            ratios: Vec<f64>,
         }
-        let with_answers = scenes.values().filter(|(sums, _)| of(sums, Sum::Answered) > 0.0);
-        let (sums, errors): (Vec<Sums>, Vec<Vec<f64>>) = scenes.values().cloned().unzip();
+        let mut scenes: BTreeMap<&str, Scene> = BTreeMap::new();
+        for record in records {
+            let scene = scenes.entry(&record.scene).or_default();
+            scene.sums.iter_mut().zip(sums_of(record)).for_each(|(sum, more)| *sum += more);
+            scene.errors.extend(record.refined_error_px.filter(|_| is_answered(record)));
+            scene.ratios.extend(over_bound(record));
+        }
+        let with_answers = scenes.values().filter(|scene| of(&scene.sums, Sum::Answered) > 0.0);
+        let sums: Vec<Sums> = scenes.values().map(|scene| scene.sums).collect();
+        let errors: Vec<Vec<f64>> = scenes.values().map(|scene| scene.errors.clone()).collect();
+        let ratios: Vec<Vec<f64>> = scenes.values().map(|scene| scene.ratios.clone()).collect();
         let of_sums = |statistic: &dyn Fn(&Sums) -> Option<f64>| estimate(&sums, statistic);
-        let quantile = |share: f64| {
-            let all: Vec<f64> = errors.iter().flatten().copied().collect();
-            let interval = Bootstrap::named(&["quantile"]).of_quantile(&errors, share).ok();
-            Some(Estimate::of(stats::quantile(&all, share)?, interval))
-        };
         let normed: Vec<f64> = records
             .iter()
             .filter(|record| is_answered(record))
@@ -311,9 +321,9 @@ impl Refined {
             failed: of_sums(&|sums| ratio(sums, Sum::Failed, Sum::Asked)),
             within: within(&sums),
             rmse_px: rms(&sums, Sum::Square, Sum::Answered),
-            median_px: quantile(0.5),
-            p95_px: quantile(0.95),
-            p99_px: quantile(0.99),
+            median_px: quantile(&errors, 0.5),
+            p95_px: quantile(&errors, 0.95),
+            p99_px: quantile(&errors, 0.99),
             max_px: answers.max_by(f64::total_cmp),
             bias_along_px: of_sums(&|sums| ratio(sums, Sum::Along, Sum::Framed)),
             bias_across_px: of_sums(&|sums| ratio(sums, Sum::Across, Sum::Framed)),
@@ -325,6 +335,7 @@ impl Refined {
                 Some((square - along * along - across * across).max(0.0).sqrt())
             }),
             rmse_over_bound: rms(&sums, Sum::SquareOfBounded, Sum::BoundSquare),
+            median_over_bound: quantile(&ratios, 0.5),
             efficiency: of_sums(&|sums| log(ratio(sums, Sum::BoundSquare, Sum::SquareOfBounded)))
                 .map(|estimate| estimate.map(f64::exp)),
             nees: of_sums(&|sums| ratio(sums, Sum::NormedSquare, Sum::Normed)),
@@ -341,6 +352,24 @@ pub(super) fn log(value: Option<f64>) -> Option<f64> {
 /// Of all the shares that were answered within each of [`WITHIN_PX`].
 fn within(scenes: &[Sums]) -> [Option<Estimate>; WITHIN_PX.len()] {
     WITHIN.map(|sum| estimate(scenes, &|sums| ratio(sums, sum, Sum::Asked)))
+}
+
+/// The bound from the pixels within 10 px, where it says anything \[px\].
+fn bound_px(record: &Record) -> Option<f64> {
+    record.bound_r10_px.filter(|bound_px| *bound_px <= MOST_BOUND_PX)
+}
+
+/// The error of an answer over its bound.
+fn over_bound(record: &Record) -> Option<f64> {
+    let error_px = record.refined_error_px.filter(|_| is_answered(record))?;
+    bound_px(record).map(|bound_px| error_px / bound_px)
+}
+
+/// A quantile of all scenes' numbers, with its interval.
+fn quantile(scenes: &[Vec<f64>], share: f64) -> Option<Estimate> {
+    let all: Vec<f64> = scenes.iter().flatten().copied().collect();
+    let interval = Bootstrap::named(&["quantile"]).of_quantile(scenes, share).ok();
+    Some(Estimate::of(stats::quantile(&all, share)?, interval))
 }
 
 /// The root of the ratio of two sums over scenes; its interval is that of the logarithm.
@@ -419,6 +448,7 @@ mod tests {
         near(all.rmse_px, 0.125_f64.sqrt());
         near(all.rmse_over_bound, 10.0 * 0.125_f64.sqrt());
         near(all.efficiency, 0.01 / 0.125);
+        near(all.median_over_bound, 3.5);
         near(all.failed, 1.0 / 3.0);
         near(all.bias_along_px, 0.35);
         near(all.spread_px, 0.05);
@@ -438,6 +468,7 @@ mod tests {
         let all = summarise(&[&clear, &hidden]).all;
         assert!((value(all.rmse_over_bound) - 3.0).abs() < 1e-12, "{:?}", all.rmse_over_bound);
         assert!((value(all.efficiency) - 1.0 / 9.0).abs() < 1e-12);
+        assert!((value(all.median_over_bound) - 3.0).abs() < 1e-12);
         assert!((value(all.rmse_px) - 0.17_f64.sqrt()).abs() < 1e-12, "its error counts");
     }
 

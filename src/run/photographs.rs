@@ -318,6 +318,7 @@ fn write_planes(path: &Path, layer: &str, names: &[&str], planes: &[Plane<f32>])
     );
     Image::from_layer(layer)
         .write()
+        .non_parallel()
         .to_file(path)
         .map_err(|error| Error::malformed(path, format!("cannot write it: {error}")))
 }

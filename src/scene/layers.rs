@@ -30,6 +30,8 @@ impl<'a> Layers<'a> {
             .all_channels()
             .all_layers()
             .all_attributes()
+            // Others are read beside it: threads of its own would only add to theirs.
+            .non_parallel()
             .from_buffered(Cursor::new(bytes))
             .map_err(|error| Error::malformed(path, error))?;
         let mut planes = Vec::new();
