@@ -14,7 +14,7 @@ use parquet::file::metadata::{ParquetMetaData, ParquetMetaDataReader};
 use parquet::file::properties::WriterProperties;
 use parquet::file::reader::{FileReader, SerializedFileReader};
 use parquet::file::writer::SerializedFileWriter;
-use parquet::record::RecordWriter;
+use parquet::record::{Field, RecordWriter};
 use parquet::schema::types::Type;
 use parquet_derive::ParquetRecordWriter;
 use serde::de::DeserializeOwned;
@@ -373,6 +373,19 @@ impl RecordFile {
     /// # Errors
     /// When the group cannot be read, or its columns are another version's.
     pub fn read(&self, group: usize, columns: &[&str]) -> Result<Vec<Record>> {
+        self.read_where(group, columns, |_, _| true)
+    }
+
+    /// Reads the rows of a group whose camera and method are wanted.
+    ///
+    /// # Errors
+    /// As [`read`](Self::read).
+    pub fn read_where(
+        &self,
+        group: usize,
+        columns: &[&str],
+        is_wanted: impl Fn(&str, &str) -> bool,
+    ) -> Result<Vec<Record>> {
         let failed = |error| Error::malformed(&self.path, error);
         let schema = self.reader.metadata().file_metadata().schema();
         let wanted = (!columns.is_empty()).then(|| {
@@ -384,7 +397,15 @@ impl RecordFile {
         let group = self.reader.get_row_group(group).map_err(failed)?;
         let mut records = Vec::new();
         for row in group.get_row_iter(wanted).map_err(failed)? {
-            let row = row.map_err(failed)?.to_json_value();
+            let row = row.map_err(failed)?;
+            let text = |name: &str| match row.get_column_iter().find(|(other, _)| *other == name) {
+                Some((_, Field::Str(text))) => text.as_str(),
+                _ => "",
+            };
+            if !is_wanted(text("camera"), text("method")) {
+                continue;
+            }
+            let row = row.to_json_value();
             let version = row.get("record_version").and_then(serde_json::Value::as_i64);
             if version != Some(RECORD_VERSION.into()) {
                 let found = version.map_or_else(|| "none".to_owned(), |found| found.to_string());

@@ -4,8 +4,7 @@ use std::path::PathBuf;
 
 use super::{Ended, Global, print, print_line};
 use crate::error::Result;
-use crate::record::{read_records, read_run};
-use crate::report::compare::{Verdict, compare};
+use crate::report::compare::{Answered, Verdict, compare};
 use crate::report::{terminal, words};
 
 #[derive(clap::Args)]
@@ -18,10 +17,7 @@ pub(super) struct Options {
 
 pub(super) fn run(global: &Global, options: &Options) -> Result<Ended> {
     let [first, second] = [&options.first, &options.second];
-    let (run_before, run_after) = (read_run(first)?, read_run(second)?);
-    let before = read_records(&first.join("records.parquet"))?;
-    let after = read_records(&second.join("records.parquet"))?;
-    let comparison = compare((&run_before, &before), (&run_after, &after))?;
+    let comparison = compare(&Answered::read(first)?, &Answered::read(second)?)?;
     let count = |wanted: Verdict| {
         comparison.methods.iter().filter(|method| method.verdict == wanted).count()
     };

@@ -2,13 +2,15 @@
 
 use std::cmp::Ordering;
 use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
 
 use serde::Serialize;
 
 use crate::error::{Error, Result};
-use crate::record::{Record, RunDescription};
-use crate::report::contest::{Key, compared, key, warning};
-use crate::report::refinement::{Estimate, FAILED_PX, is_answered, is_given};
+use crate::record::{RunDescription, read_run};
+use crate::report::contest::{Answers, answered, compared, warning};
+use crate::report::records::RunRecords;
+use crate::report::refinement::{Answer, Estimate, Key, answers};
 use crate::stats::{Bootstrap, holm, sign_flips};
 
 /// The methods of two runs beside each other.
@@ -76,39 +78,60 @@ impl Verdict {
 /// What is more than chance.
 const SIGNIFICANT: f64 = 0.05;
 
-type Answers<'a> = BTreeMap<Key<'a>, &'a Record>;
+/// A run as it is compared with another: what its methods answered for the corners that they were given.
+pub struct Answered {
+    run: RunDescription,
+    methods: Methods,
+}
 
-/// Compares two runs, each its description and its records, method by method.
+/// Answers by camera and method.
+type Methods = BTreeMap<(String, String), Vec<Answer>>;
+
+impl Answered {
+    /// Reads it.
+    ///
+    /// # Errors
+    /// When the run's files are missing or cannot be read.
+    pub fn read(folder: &Path) -> Result<Self> {
+        let run = read_run(folder)?;
+        let mut methods = Methods::new();
+        RunRecords::open(&folder.join("records.parquet"))?.for_each_method(|rows| {
+            let answers = answers(rows);
+            if let Some(first) = rows.first().filter(|_| !answers.is_empty()) {
+                methods.insert((first.camera.clone(), first.method.clone()), answers);
+            }
+            Ok(())
+        })?;
+        Ok(Self { run, methods })
+    }
+}
+
+/// Compares two runs, method by method.
 ///
 /// # Errors
 /// When they are of different suites, or share no method or no scene.
-pub fn compare(
-    first: (&RunDescription, &[Record]),
-    second: (&RunDescription, &[Record]),
-) -> Result<Comparison> {
-    if first.0.suite != second.0.suite {
+pub fn compare(first: &Answered, second: &Answered) -> Result<Comparison> {
+    if first.run.suite != second.run.suite {
         return Err(Error::Other(format!(
             "compare: the first run is of suite {}, the second of {}; only runs of the same scenes can be \
              compared",
-            first.0.suite, second.0.suite
+            first.run.suite, second.run.suite
         )));
     }
-    let (of_first, of_second) = (by_method(first.1), by_method(second.1));
-    let label = |(camera, method): &(&str, &str)| format!("{method}, {camera}");
-    let only = |of: &BTreeMap<(&str, &str), Answers>, other: &BTreeMap<(&str, &str), Answers>| {
+    let (of_first, of_second) = (&first.methods, &second.methods);
+    let label = |(camera, method): &(String, String)| format!("{method}, {camera}");
+    let only = |of: &Methods, other: &Methods| {
         of.keys().filter(|name| !other.contains_key(*name)).map(label).collect::<Vec<_>>()
     };
-    let (only_in_first, only_in_second) =
-        (only(&of_first, &of_second), only(&of_second, &of_first));
+    let (only_in_first, only_in_second) = (only(of_first, of_second), only(of_second, of_first));
     let mut scenes = BTreeSet::new();
     let mut methods = Vec::new();
-    for (name, first) in &of_first {
+    for (name, first) in of_first {
         let Some(second) = of_second.get(name) else { continue };
-        let both = |of: &Answers<'_>, with: &Answers<'_>| -> Vec<String> {
-            of.keys().filter(|key| with.contains_key(*key)).map(|key| key.0.to_owned()).collect()
-        };
-        scenes.extend(both(first, second));
-        methods.push(compared_method(*name, first, second));
+        let (first, second) = (by_corner(first), by_corner(second));
+        let both = first.keys().filter(|key| second.contains_key(*key));
+        scenes.extend(both.map(|key| key.0.to_owned()));
+        methods.push(compared_method((&name.0, &name.1), &first, &second));
     }
     if methods.is_empty() || scenes.is_empty() {
         return Err(Error::Other(format!(
@@ -134,35 +157,21 @@ pub fn compare(
     Ok(Comparison { methods, only_in_first, only_in_second, scenes: scenes.len(), warning })
 }
 
-/// The corners that each camera and method was given.
-fn by_method(records: &[Record]) -> BTreeMap<(&str, &str), Answers<'_>> {
-    let mut found: BTreeMap<(&str, &str), Answers> = BTreeMap::new();
-    for record in records.iter().filter(|record| is_given(record)) {
-        let name = (record.camera.as_str(), record.method.as_str());
-        found.entry(name).or_default().insert(key(record), record);
-    }
-    found
+fn by_corner(answers: &[Answer]) -> Answers<'_> {
+    answers.iter().map(|answer| (answer.key(), answer)).collect()
 }
 
-fn answered<'a>(of: &Answers<'a>) -> Answers<'a> {
-    let answered = of.iter().filter(|(_, record)| is_answered(record));
-    answered.map(|(key, record)| (*key, *record)).collect()
-}
-
-fn compared_method<'a>(
-    (camera, method): (&str, &str),
-    first: &Answers<'a>,
-    second: &Answers<'a>,
-) -> Compared {
+fn compared_method((camera, method): (&str, &str), first: &Answers, second: &Answers) -> Compared {
     let name = ["compare", camera, method];
-    let (error_ratio, p_of_error) = compared(&answered(first), &answered(second), &name);
-    let common: Vec<(&Key, &Record, &Record)> =
-        first.iter().filter_map(|(key, record)| Some((key, *record, *second.get(key)?))).collect();
+    let (before, after) = (answered(first.values().copied()), answered(second.values().copied()));
+    let (error_ratio, p_of_error) = compared(&before, &after, &name);
+    let common: Vec<(&Key, &Answer, &Answer)> =
+        first.iter().filter_map(|(key, answer)| Some((key, *answer, *second.get(key)?))).collect();
     // Of each scene: failures more, of how many.
     let mut scenes: BTreeMap<&str, (f64, f64)> = BTreeMap::new();
     for (key, before, after) in &common {
         let sum = scenes.entry(key.0).or_default();
-        sum.0 += f64::from(u8::from(is_failed(after))) - f64::from(u8::from(is_failed(before)));
+        sum.0 += f64::from(after.is_failed()) - f64::from(before.is_failed());
         sum.1 += 1.0;
     }
     let more: Vec<f64> = scenes.values().map(|(more, of)| more / of).collect();
@@ -170,12 +179,7 @@ fn compared_method<'a>(
     let mean = |[sum, count]: &[f64; 2]| (*count > 0.0).then(|| sum / count);
     let interval = Bootstrap::named(&name).of_sums(&rows, mean).ok();
     let failed = sign_flips(&more, &name);
-    let is_same = common.iter().all(|(_, before, after)| {
-        let answer = |record: &Record| {
-            (record.refined_x_px, record.refined_y_px, record.refine_status.clone())
-        };
-        answer(before) == answer(after)
-    });
+    let is_same = common.iter().all(|(_, before, after)| before.is_same(after));
     Compared {
         camera: camera.to_owned(),
         method: method.to_owned(),
@@ -186,11 +190,6 @@ fn compared_method<'a>(
         p_of_failed: failed.map(|test| test.p),
         verdict: if is_same { Verdict::Same } else { Verdict::NotToldApart },
     }
-}
-
-fn is_failed(record: &Record) -> bool {
-    let error_px = record.refined_error_px.filter(|_| is_answered(record));
-    error_px.is_none_or(|error_px| error_px > FAILED_PX)
 }
 
 impl Compared {
@@ -217,7 +216,7 @@ impl Compared {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::record::{kind, status};
+    use crate::record::{Record, kind, status};
 
     /// Thirty scenes of four corners; `off` says how far each answer is off, nothing where it is declined.
     fn rows(method: &str, off: impl Fn(u8, u8) -> Option<f64>) -> Vec<Record> {
@@ -249,10 +248,9 @@ mod tests {
 
     fn verdict(second: &[Record]) -> Compared {
         let first = rows("a", |scene, corner| Some(hard(scene, corner)));
-        let of_first = by_method(&first);
-        let of_second = by_method(second);
-        let name = ("ideal", "a");
-        let mut compared = compared_method(name, &of_first[&name], &of_second[&name]);
+        let of = |rows: &[Record]| answers(&rows.iter().collect::<Vec<_>>());
+        let (first, second) = (of(&first), of(second));
+        let mut compared = compared_method(("ideal", "a"), &by_corner(&first), &by_corner(&second));
         if compared.verdict != Verdict::Same {
             compared.judge();
         }

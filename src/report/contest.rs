@@ -3,12 +3,11 @@
 //! Methods are compared on the same photographs, the unit being the scene: its logarithm of the root mean square error
 //! over the corners that both answered.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-use crate::record::Record;
-use crate::report::refinement::{Estimate, Refined, is_answered, is_given};
+use crate::report::refinement::{Answer, Estimate, Key, Refined};
 use crate::report::summary::MethodSummary;
 use crate::stats::{Bootstrap, critical_difference, friedman, groups, holm, sign_flips};
 
@@ -57,28 +56,21 @@ pub struct Contestant {
 /// With fewer scenes intervals cover less than they say.
 const ENOUGH_SCENES: usize = 20;
 
-/// A method and the corners that it was given.
-type Given<'a> = (&'a MethodSummary, &'a [&'a Record]);
+/// A method and what it answered for the corners that it was given.
+type Given<'a> = (&'a MethodSummary, &'a [Answer]);
 
-/// A corner of a photograph: scene, exposure, corner.
-pub(super) type Key<'a> = (&'a str, Option<i32>, Option<i32>);
+/// Answers by corner.
+pub(super) type Answers<'a> = BTreeMap<Key<'a>, &'a Answer>;
 
-/// Compares methods that were given the same; nothing where there are not two of them.
-pub fn contests(methods: &[MethodSummary], records: &[Record]) -> Vec<Contest> {
-    let mut rows: HashMap<(&str, &str), Vec<&Record>> = HashMap::new();
-    for record in records.iter().filter(|record| is_given(record)) {
-        rows.entry((&record.camera, &record.method)).or_default().push(record);
-    }
+/// Compares methods that were given the same, each with its answers; nothing where there are not two of them.
+pub fn contests(methods: &[MethodSummary], answers: &[Vec<Answer>]) -> Vec<Contest> {
     let mut found: Vec<(String, Vec<Given>)> = Vec::new();
-    for method in methods {
-        let Some(rows) = rows.get(&(method.camera.as_str(), method.method.as_str())) else {
-            continue;
-        };
-        let disc_px = rows[0].seed_disc_px;
-        let name = format!("{} {} {disc_px:?}", method.camera, method.track);
+    for (method, answers) in methods.iter().zip(answers).filter(|(_, answers)| !answers.is_empty())
+    {
+        let name = format!("{} {} {:?}", method.camera, method.track, method.seed_disc_px);
         match found.iter_mut().find(|(other, _)| *other == name) {
-            Some((_, methods)) => methods.push((method, rows)),
-            None => found.push((name, vec![(method, rows)])),
+            Some((_, methods)) => methods.push((method, answers)),
+            None => found.push((name, vec![(method, answers)])),
         }
     }
     found.iter().filter_map(|(name, methods)| contest(name, methods)).collect()
@@ -93,23 +85,16 @@ fn contest(name: &str, all: &[Given]) -> Option<Contest> {
     if some.len() < 2 {
         return None;
     }
-    let answers: Vec<BTreeMap<Key, &Record>> = some
-        .iter()
-        .map(|(_, rows)| {
-            let answered = rows.iter().copied().filter(|record| is_answered(record));
-            answered.map(|record| (key(record), record)).collect()
-        })
-        .collect();
+    let answers: Vec<Answers> = some.iter().map(|(_, answers)| answered(*answers)).collect();
     let is_common = |key: &&Key| answers.iter().all(|answers| answers.contains_key(*key));
     let common: Vec<Key> = answers[0].keys().filter(is_common).copied().collect();
-    let mut methods: Vec<(Contestant, &BTreeMap<Key, &Record>)> = some
+    let mut methods: Vec<(Contestant, &Answers)> = some
         .iter()
         .zip(&answers)
         .map(|((method, _), answers)| {
-            let rows: Vec<&Record> = common.iter().map(|key| answers[key]).collect();
             let contestant = Contestant {
                 method: method.method.clone(),
-                common: Refined::of(&rows),
+                common: Refined::of(common.iter().map(|key| answers[key])),
                 over_best: None,
                 p: None,
                 mean_rank: None,
@@ -157,7 +142,7 @@ fn contest(name: &str, all: &[Given]) -> Option<Contest> {
     Some(Contest {
         camera: first.0.camera.clone(),
         track: first.0.track.clone(),
-        seed_disc_px: first.1.first().and_then(|record| record.seed_disc_px),
+        seed_disc_px: first.0.seed_disc_px,
         methods: methods.into_iter().map(|(contestant, _)| contestant).collect(),
         left_out: others.iter().map(|(method, _)| method.method.clone()).collect(),
         corners: common.len(),
@@ -179,18 +164,20 @@ pub(super) fn warning(scenes: usize) -> Option<String> {
     })
 }
 
-pub(super) fn key(record: &Record) -> Key<'_> {
-    (&record.scene, record.exposure, record.corner_index)
+/// The answers that were not declined.
+pub(super) fn answered<'a>(answers: impl IntoIterator<Item = &'a Answer>) -> Answers<'a> {
+    let answered = answers.into_iter().filter(|answer| answer.error_px.is_some());
+    answered.map(|answer| (answer.key(), answer)).collect()
 }
 
 /// Of each scene the logarithm of the root mean square error.
-fn errors<'a>(records: impl Iterator<Item = &'a Record>) -> BTreeMap<&'a str, f64> {
+fn errors<'a>(answers: impl Iterator<Item = &'a Answer>) -> BTreeMap<&'a str, f64> {
     // An error of exactly 0 has no logarithm; none is known to less.
     const LEAST_PX: f64 = 1e-6;
     let mut sums: BTreeMap<&str, (f64, f64)> = BTreeMap::new();
-    for record in records {
-        let sum = sums.entry(&record.scene).or_default();
-        let error_px = record.refined_error_px.unwrap_or(f64::INFINITY);
+    for answer in answers {
+        let sum = sums.entry(&answer.scene).or_default();
+        let error_px = answer.error_px.unwrap_or(f64::INFINITY);
         *sum = (sum.0 + error_px * error_px, sum.1 + 1.0);
     }
     let log = |(square, count): (f64, f64)| (square / count).sqrt().max(LEAST_PX).ln();
@@ -199,14 +186,14 @@ fn errors<'a>(records: impl Iterator<Item = &'a Record>) -> BTreeMap<&'a str, f6
 
 /// How many times as large the second's error is as the first's, scene by scene on what both answered, and how often
 /// it is as far from 1 by chance.
-pub(super) fn compared<'a>(
-    first: &BTreeMap<Key<'a>, &'a Record>,
-    second: &BTreeMap<Key<'a>, &'a Record>,
+pub(super) fn compared(
+    first: &Answers,
+    second: &Answers,
     name: &[&str],
 ) -> (Option<Estimate>, Option<f64>) {
-    let both = |of: &BTreeMap<Key<'a>, &'a Record>, with: &BTreeMap<Key<'a>, &'a Record>| {
-        errors(of.iter().filter(|(key, _)| with.contains_key(*key)).map(|(_, record)| *record))
-    };
+    fn both<'a>(of: &Answers<'a>, with: &Answers) -> BTreeMap<&'a str, f64> {
+        errors(of.iter().filter(|(key, _)| with.contains_key(*key)).map(|(_, answer)| *answer))
+    }
     let (first, second) = (both(first, second), both(second, first));
     let differences: Vec<f64> = second.iter().map(|(scene, log)| log - first[scene]).collect();
     let Some(test) = sign_flips(&differences, name) else { return (None, None) };
@@ -219,7 +206,7 @@ pub(super) fn compared<'a>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::record::{kind, status, track};
+    use crate::record::{Record, kind, status, track};
     use crate::report::summary::summarise;
 
     fn row(method: &str, scene: u8, corner: u8, error_px: f64) -> Record {

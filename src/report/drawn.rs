@@ -17,7 +17,7 @@ use serde_json::{Map, Value};
 
 use crate::error::Result;
 use crate::record::{Record, RecordFile, RunDescription, kind, status};
-use crate::report::refinement::Refined;
+use crate::report::refinement::{Refined, answers};
 use crate::stats;
 
 pub use lock::Lock;
@@ -179,7 +179,7 @@ impl DrawnMethod {
             seed_disc_px: rows.first().and_then(|row| row.seed_disc_px),
             missed: count(kind::CORNER, status::MISSED),
             false_answers: count(kind::FALSE_CORNER, status::FALSE),
-            refined: Refined::of(&given),
+            refined: Refined::of(&answers(&given)),
             lock: grid.and_then(|grid| Lock::of(&given, grid)),
         }
     }

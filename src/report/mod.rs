@@ -10,6 +10,7 @@ mod figures;
 pub mod gospa;
 mod misses;
 pub mod recommend;
+mod records;
 pub mod refinement;
 mod splice;
 pub mod summary;
@@ -31,7 +32,10 @@ use crate::record::{
     Record, RunDescription, kind, read_records, read_run, read_sketch, read_timing,
 };
 use crate::report::drawn::DrawnSummary;
-use crate::report::summary::{MethodSummary, Summary, summarise};
+use crate::report::figures::Figure;
+use crate::report::records::RunRecords;
+use crate::report::refinement::answers;
+use crate::report::summary::{MethodSummary, SceneSummary, Summary, summarise_method};
 use crate::report::words::Words;
 
 /// A run's report.
@@ -123,76 +127,44 @@ pub fn write(folder: &Path) -> Result<Report> {
         let (summary, page) = drawn::write(folder, &run)?;
         return Ok(Report { run, content: Content::Drawn(summary), page });
     }
-    let records = read_records(&folder.join("records.parquet"))?;
-    let summary = Summary {
-        timing: read_timing(folder)?,
-        agreements: agreement::agreements(&records, &run),
-        ..summarise(&records, run.gate_px)
-    };
-    let notes = Notes {
-        origin: agreement::origin_note(&records, &run),
-        unknown: agreement::sentence(&run),
-    };
-    write_json(&folder.join("summary.json"), &summary)?;
-
     let report = folder.join("report");
     replace_folder(&report)?;
+    let path = folder.join("records.parquet");
+    let records = RunRecords::open(&path)?;
+    let cameras = records.cameras();
+    // Misses are shown where there are refiners to choose from.
+    let is_choice = run.pipelines.iter().any(|one| one["refine"] != run.pipelines[0]["refine"]);
+    let (mut methods, mut given) = (Vec::new(), Vec::new());
+    let (mut sections, mut misses) = (Vec::new(), Vec::new());
+    records.for_each_method(|rows| {
+        let method = summarise_method(rows, &cameras, run.gate_px);
+        sections.extend(grasp_sections(folder, &report, &method, rows)?);
+        if is_choice {
+            misses.push(draw_misses(folder, &report, &method, rows)?);
+        }
+        methods.push(method);
+        given.push(answers(rows));
+        Ok(())
+    })?;
+    // Pictures of one's own are few.
+    let own = if run.pictures.is_some() { read_records(&path)? } else { Vec::new() };
+    let summary = Summary {
+        timing: read_timing(folder)?,
+        agreements: agreement::agreements(&own, &run),
+        ..Summary::of(records.unreadable, methods, &given)
+    };
+    let notes =
+        Notes { origin: agreement::origin_note(&own, &run), unknown: agreement::sentence(&run) };
+    write_json(&folder.join("summary.json"), &summary)?;
     write_text(&report.join("precision-recall.svg"), &curves::draw(&summary)?)?;
-    let mut sections = Vec::new();
-    for method in summary.methods.iter().filter(|method| method.grasps.is_some()) {
-        for scene in &method.scenes {
-            let MethodSummary { method, camera, .. } = method;
-            let sketch = read_sketch(folder, &scene.scene, camera, method)?;
-            // Drawn is the first photograph.
-            let is_drawn = |record: &&Record| {
-                record.scene == scene.scene
-                    && record.exposure == Some(0)
-                    && (&record.method, &record.camera) == (method, camera)
-            };
-            let rows: Vec<&Record> = records.iter().filter(is_drawn).collect();
-            let figures = figures::draw(folder, camera, method, &sketch, &rows)?;
-            for figure in &figures {
-                write_text(&report.join(&figure.file), &figure.svg)?;
-            }
-            let grasp = rows.iter().find(|record| record.kind == kind::GRASP);
-            sections.push(json!({
-                "method": method,
-                "camera": camera,
-                "scene": scene,
-                "face": words::face(scene),
-                "sketch": sketch,
-                "figures": figures,
-                "corners": table_one(&rows),
-                "grasp": grasp.map(|record| json!({
-                    "image_error_px": record.grasp_image_error_px,
-                    "axial_mm": record.grasp_axial_error_mm,
-                    "lateral_mm": record.grasp_lateral_error_mm,
-                    "error_mm": record.grasp_error_mm,
-                    "world_m": [
-                        record.grasp_world_x_m, record.grasp_world_y_m, record.grasp_world_z_m,
-                    ],
-                    "chosen_face": record.chosen_face,
-                })),
-            }));
-        }
-    }
     let refinement = words::refinement(&summary);
-    let mut worst = Vec::new();
-    for method in words::by_refined_error(&summary) {
-        if refinement.is_none() {
-            break;
-        }
-        let is_drawn = |record: &&Record| {
-            record.exposure == Some(0)
-                && (&record.method, &record.camera) == (&method.method, &method.camera)
-        };
-        let rows: Vec<&Record> = records.iter().filter(is_drawn).collect();
-        let figures = misses::draw(folder, &method.method, &rows)?;
-        for figure in &figures {
-            write_text(&report.join(&figure.file), &figure.svg)?;
-        }
-        worst.push(json!({ "method": method.label, "figures": figures }));
-    }
+    let worst: Vec<_> = words::by_refined_error(&summary)
+        .into_iter()
+        .filter_map(|method| {
+            let (_, figures) = misses.iter().find(|(label, _)| *label == method.label)?;
+            Some(json!({ "method": method.label, "figures": figures }))
+        })
+        .collect();
     let mut environment = Environment::new();
     environment.add_filter("px", |value: Option<f64>| words::px(value));
     environment.add_filter("px3", |value: Option<f64>| {
@@ -230,6 +202,64 @@ pub fn write(folder: &Path) -> Result<Report> {
     let path = report.join("index.html");
     write_text(&path, &page)?;
     Ok(Report { run, content: Content::Rendered(Box::new(summary), notes), page: path })
+}
+
+/// The paper's figures and its Table 1 of each scene, of a method that ends with a grasp.
+fn grasp_sections(
+    folder: &Path,
+    report: &Path,
+    summary: &MethodSummary,
+    rows: &[&Record],
+) -> Result<Vec<serde_json::Value>> {
+    let MethodSummary { method, camera, .. } = summary;
+    let section = |scene: &SceneSummary| {
+        let sketch = read_sketch(folder, &scene.scene, camera, method)?;
+        // Drawn is the first photograph.
+        let is_drawn = |record: &&Record| record.scene == scene.scene && record.exposure == Some(0);
+        let rows: Vec<&Record> = rows.iter().copied().filter(is_drawn).collect();
+        let figures = figures::draw(folder, camera, method, &sketch, &rows)?;
+        for figure in &figures {
+            write_text(&report.join(&figure.file), &figure.svg)?;
+        }
+        let grasp = rows.iter().find(|record| record.kind == kind::GRASP);
+        Ok(json!({
+            "method": method,
+            "camera": camera,
+            "scene": scene,
+            "face": words::face(scene),
+            "sketch": sketch,
+            "figures": figures,
+            "corners": table_one(&rows),
+            "grasp": grasp.map(|record| json!({
+                "image_error_px": record.grasp_image_error_px,
+                "axial_mm": record.grasp_axial_error_mm,
+                "lateral_mm": record.grasp_lateral_error_mm,
+                "error_mm": record.grasp_error_mm,
+                "world_m": [
+                    record.grasp_world_x_m, record.grasp_world_y_m, record.grasp_world_z_m,
+                ],
+                "chosen_face": record.chosen_face,
+            })),
+        }))
+    };
+    let scenes = summary.scenes.iter().filter(|_| summary.grasps.is_some());
+    scenes.map(section).collect()
+}
+
+/// Pictures of what a method's refiner misses most, beside the method's label.
+fn draw_misses(
+    folder: &Path,
+    report: &Path,
+    summary: &MethodSummary,
+    rows: &[&Record],
+) -> Result<(String, Vec<Figure>)> {
+    let rows: Vec<&Record> =
+        rows.iter().copied().filter(|record| record.exposure == Some(0)).collect();
+    let figures = misses::draw(folder, &summary.method, &rows)?;
+    for figure in &figures {
+        write_text(&report.join(&figure.file), &figure.svg)?;
+    }
+    Ok((summary.label.clone(), figures))
 }
 
 fn write_text(path: &Path, text: &str) -> Result<()> {

@@ -4,6 +4,7 @@
 //! together.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use serde::Serialize;
 
@@ -109,23 +110,108 @@ pub const WITHIN_PX: [f64; 3] = [0.1, 0.25, 0.5];
 /// \[px\].
 pub const MOST_BOUND_PX: f64 = 0.5;
 
+/// What became of a corner that a refiner was given, as far as statistics ask.
+#[derive(Clone, Debug)]
+pub struct Answer {
+    pub(super) scene: Arc<str>,
+    exposure: Option<i32>,
+    corner_index: Option<i32>,
+    refine_status: Arc<str>,
+    /// Of an answer that was not declined.
+    pub(super) error_px: Option<f64>,
+    off_px: [f64; 2],
+    own_frame_px: Option<[f64; 2]>,
+    bound_px: Option<f64>,
+    normed_square: Option<f64>,
+}
+
+/// A corner of a photograph: scene, exposure, corner.
+pub(super) type Key<'a> = (&'a str, Option<i32>, Option<i32>);
+
+impl Answer {
+    fn of(record: &Record, scene: Arc<str>, refine_status: Arc<str>) -> Self {
+        let off = |at: Option<f64>, truth: Option<f64>| at.zip(truth).map_or(0.0, |(a, b)| a - b);
+        let own_frame = record.refined_along_px.zip(record.refined_across_px);
+        Self {
+            scene,
+            exposure: record.exposure,
+            corner_index: record.corner_index,
+            refine_status,
+            error_px: record.refined_error_px.filter(|_| is_answered(record)),
+            off_px: [
+                off(record.refined_x_px, record.true_x_px),
+                off(record.refined_y_px, record.true_y_px),
+            ],
+            own_frame_px: own_frame.map(|(along_px, across_px)| [along_px, across_px]),
+            bound_px: record.bound_r10_px.filter(|bound_px| *bound_px <= MOST_BOUND_PX),
+            normed_square: normed_square(record).filter(|_| is_answered(record)),
+        }
+    }
+
+    /// Which corner.
+    pub(super) fn key(&self) -> Key<'_> {
+        (&self.scene, self.exposure, self.corner_index)
+    }
+
+    /// Whether it was declined, or is off by more than [`FAILED_PX`].
+    pub(super) fn is_failed(&self) -> bool {
+        self.error_px.is_none_or(|error_px| error_px > FAILED_PX)
+    }
+
+    /// Whether another says just the same.
+    #[allow(clippy::float_cmp, reason = "the same to the bit")]
+    pub(super) fn is_same(&self, other: &Self) -> bool {
+        (self.off_px, self.error_px) == (other.off_px, other.error_px)
+            && self.refine_status == other.refine_status
+    }
+
+    /// The error over its bound.
+    fn over_bound(&self) -> Option<f64> {
+        self.error_px.zip(self.bound_px).map(|(error_px, bound_px)| error_px / bound_px)
+    }
+}
+
+/// The answers for the corners that a refiner was given.
+pub fn answers(records: &[&Record]) -> Vec<Answer> {
+    let (mut scene, mut refine_status): (Arc<str>, Arc<str>) = ("".into(), "".into());
+    let given = records.iter().filter(|record| is_given(record));
+    let answer = |record: &&Record| {
+        // Those of one scene come one after the other.
+        if *scene != *record.scene {
+            scene = record.scene.as_str().into();
+        }
+        let status = record.refine_status.as_deref().unwrap_or_default();
+        if *refine_status != *status {
+            refine_status = status.into();
+        }
+        Answer::of(record, scene.clone(), refine_status.clone())
+    };
+    given.map(answer).collect()
+}
+
 /// Summarises the records of one method.
 pub fn summarise(records: &[&Record]) -> RefinementSummary {
     let found: Vec<&Record> = records.iter().copied().filter(|record| is_given(record)).collect();
+    let answers = answers(&found);
     let is_clear = |record: &Record| record.nearest_occluder_px.is_none_or(|px| px > CLEAR_PX);
-    let clear: Vec<&Record> = found.iter().copied().filter(|record| is_clear(record)).collect();
+    let clear = found.iter().zip(&answers).filter(|(record, _)| is_clear(record));
     let mut statuses = BTreeMap::new();
-    for record in &found {
-        *statuses.entry(record.refine_status.clone().unwrap_or_default()).or_insert(0) += 1;
+    for answer in &answers {
+        *statuses.entry(answer.refine_status.to_string()).or_insert(0) += 1;
     }
-    let all = Refined::of(&found);
+    let all = Refined::of(&answers);
     let shift = shift(&all);
+    let strata = |name: fn(&Record) -> Option<&str>| {
+        strata(
+            found.iter().zip(&answers).filter_map(|(record, answer)| Some((name(record)?, answer))),
+        )
+    };
     RefinementSummary {
         all,
-        clear: Refined::of(&clear),
+        clear: Refined::of(clear.map(|(_, answer)| answer)),
         statuses,
-        splits: strata(&found, |record| record.split.as_deref()),
-        families: strata(&found, |record| Some(&record.family)),
+        splits: strata(|record| record.split.as_deref()),
+        families: strata(|record| Some(&record.family)),
         shift,
     }
 }
@@ -152,15 +238,14 @@ pub struct RefinedStratum {
     pub median_over_bound: Option<Estimate>,
 }
 
-/// Corners apart by what `name` says of them, sorted.
-fn strata(records: &[&Record], name: impl Fn(&Record) -> Option<&str>) -> Vec<RefinedStratum> {
+/// Answers apart by name, sorted.
+fn strata<'a>(answers: impl Iterator<Item = (&'a str, &'a Answer)>) -> Vec<RefinedStratum> {
     let mut apart: BTreeMap<&str, BTreeMap<&str, (Sums, Vec<f64>)>> = BTreeMap::new();
-    for record in records {
-        let Some(name) = name(record) else { continue };
+    for (name, answer) in answers {
         let scenes = apart.entry(name).or_default();
-        let (sums, ratios) = scenes.entry(&record.scene).or_insert(([0.0; SUMS], Vec::new()));
-        sums.iter_mut().zip(sums_of(record)).for_each(|(sum, more)| *sum += more);
-        ratios.extend(over_bound(record));
+        let (sums, ratios) = scenes.entry(&answer.scene).or_insert(([0.0; SUMS], Vec::new()));
+        sums.iter_mut().zip(sums_of(answer)).for_each(|(sum, more)| *sum += more);
+        ratios.extend(answer.over_bound());
     }
     let stratum = |(name, scenes): (&str, BTreeMap<&str, (Sums, Vec<f64>)>)| {
         let (sums, ratios): (Vec<Sums>, Vec<Vec<f64>>) = scenes.into_values().unzip();
@@ -252,35 +337,31 @@ fn ratio(sums: &Sums, part: Sum, whole: Sum) -> Option<f64> {
     (whole > 0.0).then(|| of(sums, part) / whole)
 }
 
-fn sums_of(record: &Record) -> Sums {
+fn sums_of(answer: &Answer) -> Sums {
     let mut sums = [0.0; SUMS];
     let mut add = |sum: Sum, value: f64| sums[sum as usize] += value;
     add(Sum::Asked, 1.0);
-    let error_px = record.refined_error_px.filter(|_| is_answered(record));
-    if error_px.is_none_or(|error_px| error_px > FAILED_PX) {
-        add(Sum::Failed, 1.0);
-    }
-    let Some(error_px) = error_px else { return sums };
+    add(Sum::Failed, f64::from(answer.is_failed()));
+    let Some(error_px) = answer.error_px else { return sums };
     add(Sum::Answered, 1.0);
     for (sum, within_px) in WITHIN.into_iter().zip(WITHIN_PX) {
         add(sum, f64::from(error_px <= within_px));
     }
     add(Sum::Square, error_px * error_px);
-    let off = |at: Option<f64>, truth: Option<f64>| at.zip(truth).map_or(0.0, |(a, b)| a - b);
-    add(Sum::X, off(record.refined_x_px, record.true_x_px));
-    add(Sum::Y, off(record.refined_y_px, record.true_y_px));
-    if let (Some(along_px), Some(across_px)) = (record.refined_along_px, record.refined_across_px) {
+    add(Sum::X, answer.off_px[0]);
+    add(Sum::Y, answer.off_px[1]);
+    if let Some([along_px, across_px]) = answer.own_frame_px {
         add(Sum::Framed, 1.0);
         add(Sum::FramedSquare, error_px * error_px);
         add(Sum::Along, along_px);
         add(Sum::Across, across_px);
     }
-    if let Some(bound_px) = bound_px(record) {
+    if let Some(bound_px) = answer.bound_px {
         add(Sum::Bounded, 1.0);
         add(Sum::SquareOfBounded, error_px * error_px);
         add(Sum::BoundSquare, bound_px * bound_px);
     }
-    if let Some(normed) = normed_square(record) {
+    if let Some(normed) = answer.normed_square {
         add(Sum::Normed, 1.0);
         add(Sum::NormedSquare, normed);
     }
@@ -288,8 +369,9 @@ fn sums_of(record: &Record) -> Sums {
 }
 
 impl Refined {
-    /// What records of corners that a refiner was given say.
-    pub(super) fn of(records: &[&Record]) -> Self {
+    /// What a refiner's answers say.
+    pub(super) fn of<'a>(answers: impl IntoIterator<Item = &'a Answer>) -> Self {
+        let answers: Vec<&Answer> = answers.into_iter().collect();
         #[derive(Clone, Default)]
         struct Scene {
             sums: Sums,
@@ -297,26 +379,22 @@ impl Refined {
             ratios: Vec<f64>,
         }
         let mut scenes: BTreeMap<&str, Scene> = BTreeMap::new();
-        for record in records {
-            let scene = scenes.entry(&record.scene).or_default();
-            scene.sums.iter_mut().zip(sums_of(record)).for_each(|(sum, more)| *sum += more);
-            scene.errors.extend(record.refined_error_px.filter(|_| is_answered(record)));
-            scene.ratios.extend(over_bound(record));
+        for answer in &answers {
+            let scene = scenes.entry(&answer.scene).or_default();
+            scene.sums.iter_mut().zip(sums_of(answer)).for_each(|(sum, more)| *sum += more);
+            scene.errors.extend(answer.error_px);
+            scene.ratios.extend(answer.over_bound());
         }
         let with_answers = scenes.values().filter(|scene| of(&scene.sums, Sum::Answered) > 0.0);
         let sums: Vec<Sums> = scenes.values().map(|scene| scene.sums).collect();
         let errors: Vec<Vec<f64>> = scenes.values().map(|scene| scene.errors.clone()).collect();
         let ratios: Vec<Vec<f64>> = scenes.values().map(|scene| scene.ratios.clone()).collect();
         let of_sums = |statistic: &dyn Fn(&Sums) -> Option<f64>| estimate(&sums, statistic);
-        let normed: Vec<f64> = records
-            .iter()
-            .filter(|record| is_answered(record))
-            .filter_map(|record| normed_square(record))
-            .collect();
-        let answers = errors.iter().flatten().copied();
+        let normed: Vec<f64> = answers.iter().filter_map(|answer| answer.normed_square).collect();
+        let all = errors.iter().flatten().copied();
         Self {
-            asked: records.len(),
-            answered: answers.clone().count(),
+            asked: answers.len(),
+            answered: all.clone().count(),
             scenes: with_answers.count(),
             failed: of_sums(&|sums| ratio(sums, Sum::Failed, Sum::Asked)),
             within: within(&sums),
@@ -324,7 +402,7 @@ impl Refined {
             median_px: quantile(&errors, 0.5),
             p95_px: quantile(&errors, 0.95),
             p99_px: quantile(&errors, 0.99),
-            max_px: answers.max_by(f64::total_cmp),
+            max_px: all.max_by(f64::total_cmp),
             bias_along_px: of_sums(&|sums| ratio(sums, Sum::Along, Sum::Framed)),
             bias_across_px: of_sums(&|sums| ratio(sums, Sum::Across, Sum::Framed)),
             offset_px: [Sum::X, Sum::Y].map(|sum| of_sums(&|sums| ratio(sums, sum, Sum::Answered))),
@@ -352,17 +430,6 @@ pub(super) fn log(value: Option<f64>) -> Option<f64> {
 /// Of all the shares that were answered within each of [`WITHIN_PX`].
 fn within(scenes: &[Sums]) -> [Option<Estimate>; WITHIN_PX.len()] {
     WITHIN.map(|sum| estimate(scenes, &|sums| ratio(sums, sum, Sum::Asked)))
-}
-
-/// The bound from the pixels within 10 px, where it says anything \[px\].
-fn bound_px(record: &Record) -> Option<f64> {
-    record.bound_r10_px.filter(|bound_px| *bound_px <= MOST_BOUND_PX)
-}
-
-/// The error of an answer over its bound.
-fn over_bound(record: &Record) -> Option<f64> {
-    let error_px = record.refined_error_px.filter(|_| is_answered(record))?;
-    bound_px(record).map(|bound_px| error_px / bound_px)
 }
 
 /// A quantile of all scenes' numbers, with its interval.

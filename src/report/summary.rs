@@ -9,7 +9,8 @@ use crate::record::{Record, Timing, kind, status};
 use crate::report::agreement::Agreement;
 use crate::report::contest::{Contest, contests};
 use crate::report::detection::{self, DetectionSummary};
-use crate::report::refinement::{self, RefinementSummary};
+use crate::report::records::is_scored;
+use crate::report::refinement::{self, Answer, RefinementSummary, answers};
 use crate::stats;
 
 /// What a run's records say; RUN/summary.json.
@@ -53,6 +54,8 @@ pub struct MethodSummary {
     pub detector: Option<String>,
     /// Refiner and version.
     pub refiner: String,
+    /// The disc of the seeds, if they were given \[px\].
+    pub seed_disc_px: Option<f64>,
     /// Over all scenes.
     pub corners: CornerSummary,
     /// Over all scenes: corners against the rest.
@@ -151,24 +154,36 @@ pub fn summarise(records: &[Record], gate_px: f64) -> Summary {
             reason: record.reason.clone().unwrap_or_default(),
         })
         .collect();
-    // Of what nobody knows there are no errors; see `agreement`.
-    let is_scored =
-        |record: &&Record| record.kind != kind::SCENE && record.status != status::UNKNOWN;
-    let measured = || records.iter().filter(is_scored);
+    let measured = || records.iter().filter(|record| is_scored(record));
     let methods = distinct(measured().map(|r| (r.camera.as_str(), r.method.as_str())));
     let cameras = distinct(measured().map(|record| record.camera.as_str()));
     let of_method = |&(camera, method): &(&str, &str)| {
         let rows: Vec<&Record> =
             measured().filter(|r| r.method == method && r.camera == camera).collect();
-        let label = if cameras.len() == 1 { method.into() } else { format!("{method}, {camera}") };
-        summarise_method(&rows, label, gate_px)
+        (summarise_method(&rows, &cameras, gate_px), answers(&rows))
     };
-    let methods: Vec<MethodSummary> = methods.iter().map(of_method).collect();
-    let contests = contests(&methods, records);
-    Summary { unreadable, methods, contests, agreements: Vec::new(), timing: None }
+    let (methods, answers): (Vec<_>, Vec<_>) = methods.iter().map(of_method).unzip();
+    Summary::of(unreadable, methods, &answers)
 }
 
-fn summarise_method(records: &[&Record], label: String, gate_px: f64) -> MethodSummary {
+impl Summary {
+    /// Of methods, each with its answers for the corners that it was given.
+    pub(super) fn of(
+        unreadable: Vec<Unreadable>,
+        methods: Vec<MethodSummary>,
+        answers: &[Vec<Answer>],
+    ) -> Self {
+        let contests = contests(&methods, answers);
+        Self { unreadable, methods, contests, agreements: Vec::new(), timing: None }
+    }
+}
+
+/// Summarises the records of one method; `cameras` are those of the run.
+pub(super) fn summarise_method(
+    records: &[&Record],
+    cameras: &[&str],
+    gate_px: f64,
+) -> MethodSummary {
     let scenes = distinct(records.iter().map(|record| record.scene.as_str()))
         .iter()
         .map(|scene| {
@@ -191,13 +206,15 @@ fn summarise_method(records: &[&Record], label: String, gate_px: f64) -> MethodS
     let of_first = |value: fn(&Record) -> &String| {
         records.first().map(|record| value(record).clone()).unwrap_or_default()
     };
+    let (method, camera) = (of_first(|record| &record.method), of_first(|record| &record.camera));
     MethodSummary {
-        method: of_first(|record| &record.method),
-        camera: of_first(|record| &record.camera),
-        label,
+        label: if cameras.len() == 1 { method.clone() } else { format!("{method}, {camera}") },
+        method,
+        camera,
         track: of_first(|record| &record.track),
         detector: records.first().and_then(|record| record.detector.clone()),
         refiner: of_first(|record| &record.refiner),
+        seed_disc_px: records.first().and_then(|record| record.seed_disc_px),
         corners: corners(records),
         detection: detection::summarise(records, gate_px),
         refinement: refinement::summarise(records),

@@ -9,6 +9,9 @@ use crate::image::Plane;
 use crate::sensor::Exposure;
 use crate::target::TargetRegion;
 
+/// Colours that depths are told apart by.
+const STEPS: usize = 1024;
+
 pub(super) fn write_exposure(path: &Path, exposure: &Exposure) -> Result<()> {
     save(path, &exposure.to_preview())
 }
@@ -20,13 +23,20 @@ pub(super) fn write_depth(path: &Path, depth_m: &Plane<f32>) -> Result<[f64; 2]>
     let farthest = met().fold(0.0, f64::max);
     let range = if nearest <= farthest { [nearest, farthest] } else { [0.0, 0.0] };
     let span = (range[1] - range[0]).max(f64::MIN_POSITIVE);
+    // The spline takes longer than a photograph.
+    let colours: [Rgb<u8>; STEPS] = std::array::from_fn(|step| {
+        let colour = colorous::VIRIDIS.eval_rational(step, STEPS);
+        Rgb([colour.r, colour.g, colour.b])
+    });
     let picture = from_fn(depth_m.width(), depth_m.height(), |x, y| {
         let depth = f64::from(depth_m.at(x, y));
         if depth <= 0.0 {
             return Rgb([0, 0, 0]);
         }
-        let colour = colorous::VIRIDIS.eval_continuous(1.0 - (depth - range[0]) / span);
-        Rgb([colour.r, colour.g, colour.b])
+        let nearness = 1.0 - (depth - range[0]) / span;
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "in 0..=1023")]
+        let step = (nearness * (STEPS - 1) as f64).round() as usize;
+        colours[step.min(STEPS - 1)]
     });
     save(path, &picture)?;
     Ok(range)

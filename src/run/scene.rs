@@ -155,7 +155,7 @@ impl Station<'_> {
         let range =
             range_image(&plan.range_sensor_model, scene, &name).map_err(Failure::Photograph)?;
         let depth_range_m = match folder {
-            Some(folder) => write_pictures(folder, exposure, scene).map_err(Failure::Output)?,
+            Some(folder) => self.write_pictures(folder, exposure).map_err(Failure::Output)?,
             None => [0.0; 2],
         };
         let mut records = Vec::new();
@@ -180,6 +180,16 @@ impl Station<'_> {
             written().map_err(Failure::Output)?;
         }
         Ok(records)
+    }
+
+    /// What a report draws of a photograph: depth on the way to a grasp only.
+    fn write_pictures(&self, folder: &Path, exposure: &Exposure) -> Result<[f64; 2]> {
+        fs::create_dir_all(folder).map_err(Error::io(folder, "create"))?;
+        pictures::write_exposure(&folder.join("exposure.png"), exposure)?;
+        if self.plan.pipelines.iter().all(|pipeline| pipeline.grasp.is_none()) {
+            return Ok([0.0; 2]);
+        }
+        pictures::write_depth(&folder.join("depth.png"), &self.scene.geometry.depth_m)
     }
 
     /// A record with everything that is the same for all rows of a photograph and method.
@@ -230,12 +240,6 @@ pub(super) fn range_image(
 ) -> Result<RangeImage> {
     let Description { range_camera, world_from_range, .. } = &scene.description;
     sensor.measure(&scene.range, range_camera, *world_from_range, name)
-}
-
-fn write_pictures(folder: &Path, exposure: &Exposure, scene: &Scene) -> Result<[f64; 2]> {
-    fs::create_dir_all(folder).map_err(Error::io(folder, "create"))?;
-    pictures::write_exposure(&folder.join("exposure.png"), exposure)?;
-    pictures::write_depth(&folder.join("depth.png"), &scene.geometry.depth_m)
 }
 
 /// The rows of a scene that no camera can photograph.

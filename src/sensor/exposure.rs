@@ -1,6 +1,6 @@
 //! One photograph as an algorithm may see it.
 
-use std::sync::OnceLock;
+use std::sync::{LazyLock, OnceLock};
 
 use crate::error::{Error, Result};
 use crate::geometry::{Camera, Pose};
@@ -140,9 +140,22 @@ impl Exposure {
         if self.encoding.transfer != Transfer::Linear {
             return self.to_picture();
         }
+        /// sRGB of linear light from 0 to 1: a power for each sample takes longer than the photograph.
+        static CURVE: LazyLock<Vec<f64>> = LazyLock::new(|| {
+            (0..=u16::MAX)
+                .map(|step| 255.0 * Transfer::Srgb.encode(f64::from(step) / f64::from(u16::MAX)))
+                .collect()
+        });
         let (full, black) = (self.encoding.full_scale_dn(), self.encoding.black_dn);
         self.pictured(|sample| {
-            255.0 * Transfer::Srgb.encode(((sample - black) / (full - black)).clamp(0.0, 1.0))
+            let light = ((sample - black) / (full - black)).clamp(0.0, 1.0);
+            #[allow(
+                clippy::cast_possible_truncation,
+                clippy::cast_sign_loss,
+                reason = "in 0..=65535"
+            )]
+            let step = (f64::from(u16::MAX) * light).round() as usize;
+            CURVE[step]
         })
     }
 
