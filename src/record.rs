@@ -386,6 +386,22 @@ impl RecordFile {
         columns: &[&str],
         is_wanted: impl Fn(&str, &str) -> bool,
     ) -> Result<Vec<Record>> {
+        let mut records = Vec::new();
+        self.for_each(group, columns, is_wanted, |record| records.push(record))?;
+        Ok(records)
+    }
+
+    /// Calls `f` with the rows of a group whose camera and method are wanted, one after the other.
+    ///
+    /// # Errors
+    /// As [`read`](Self::read).
+    pub fn for_each(
+        &self,
+        group: usize,
+        columns: &[&str],
+        is_wanted: impl Fn(&str, &str) -> bool,
+        mut f: impl FnMut(Record),
+    ) -> Result<()> {
         let failed = |error| Error::malformed(&self.path, error);
         let schema = self.reader.metadata().file_metadata().schema();
         let wanted = (!columns.is_empty()).then(|| {
@@ -395,8 +411,7 @@ impl RecordFile {
         });
         let wanted = wanted.transpose().map_err(failed)?;
         let group = self.reader.get_row_group(group).map_err(failed)?;
-        let mut records = Vec::new();
-        for row in group.get_row_iter(wanted).map_err(failed)? {
+        for (index, row) in group.get_row_iter(wanted).map_err(failed)?.enumerate() {
             let row = row.map_err(failed)?;
             let text = |name: &str| match row.get_column_iter().find(|(other, _)| *other == name) {
                 Some((_, Field::Str(text))) => text.as_str(),
@@ -414,11 +429,10 @@ impl RecordFile {
                 );
                 return Err(Error::malformed(&self.path, problem));
             }
-            records.push(serde_json::from_value::<Record>(row).map_err(|error| {
-                Error::malformed(&self.path, format!("row {}: {error}", records.len()))
-            })?);
+            f(serde_json::from_value::<Record>(row)
+                .map_err(|error| Error::malformed(&self.path, format!("row {index}: {error}")))?);
         }
-        Ok(records)
+        Ok(())
     }
 }
 

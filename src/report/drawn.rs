@@ -9,6 +9,7 @@ mod page;
 mod sheet;
 pub mod words;
 
+use std::collections::HashMap;
 use std::path::Path;
 
 use rayon::prelude::*;
@@ -17,10 +18,12 @@ use serde_json::{Map, Value};
 
 use crate::error::Result;
 use crate::record::{Record, RecordFile, RunDescription, kind, status};
-use crate::report::refinement::{Refined, answers};
+use crate::report::records::read;
+use crate::report::refinement::{Answers, Refined};
 use crate::stats;
 
 pub use lock::Lock;
+use lock::Places;
 pub(super) use page::write;
 
 /// What a run's records of drawn junctions say; RUN/summary.json.
@@ -103,84 +106,118 @@ const COLUMNS: &[&str] = &[
 /// When the file cannot be read.
 pub fn summarise(records: &Path, run: &RunDescription) -> Result<DrawnSummary> {
     let groups = RecordFile::open(records)?.groups();
-    // Each thread has a place of its own in the file.
-    let cells = (0..groups)
-        .into_par_iter()
-        .map_init(
-            || RecordFile::open(records),
-            |file, group| match file {
-                Ok(file) => Ok(summarise_cell(&file.read(group, COLUMNS)?, run)),
-                // Said again, by an error of its own.
-                Err(_) => RecordFile::open(records).map(|_| None),
-            },
-        )
-        .collect::<Result<Vec<Option<CellSummary>>>>()?;
+    let cells = read(records, groups, |file, group| summarise_cell(file, group, run))?;
     Ok(DrawnSummary { cells: cells.into_iter().flatten().collect() })
 }
 
-fn summarise_cell(records: &[Record], run: &RunDescription) -> Option<CellSummary> {
-    let first = records.first()?;
-    let cell = first.cell.clone()?;
-    let described = run.cells.iter().find(|one| one["name"] == cell.as_str());
-    let given = described.and_then(|cell| cell["given"].as_object()).cloned().unwrap_or_default();
-    let grid = described.and_then(|cell| cell["factors"]["phase_grid"].as_u64());
-    let table = described.and_then(|cell| cell["table"].as_u64()).unwrap_or_default();
-    let mut names: Vec<&str> = Vec::new();
-    for record in records {
-        if !names.contains(&record.method.as_str()) {
-            names.push(&record.method);
-        }
-        // All of them answer to each junction in turn.
-        if record.exposure > Some(0) {
-            break;
-        }
-    }
-    let of_method = |name: &&str| {
-        let rows: Vec<&Record> = records.iter().filter(|record| record.method == *name).collect();
-        DrawnMethod::of(&rows, grid.and_then(|grid| usize::try_from(grid).ok()))
-    };
-    let of_first = names.first().copied().unwrap_or_default();
-    let bounds: Vec<f64> = records
-        .iter()
-        .filter(|record| record.kind == kind::CORNER && record.method == of_first)
-        .filter_map(|record| record.bound_r10_px)
-        .collect();
-    Some(CellSummary {
-        cell,
-        camera: first.camera.clone(),
-        table,
-        factors: given,
+fn summarise_cell(
+    file: &RecordFile,
+    group: usize,
+    run: &RunDescription,
+) -> Result<Option<CellSummary>> {
+    let described = |cell: &str| run.cells.iter().find(|one| one["name"] == cell);
+    let mut summary: Option<CellSummary> = None;
+    let mut bounds = Vec::new();
+    let mut methods: Vec<Collected> = Vec::new();
+    // All of them answer to each junction in turn.
+    let mut places: HashMap<String, usize> = HashMap::new();
+    file.for_each(
+        group,
+        COLUMNS,
+        |_, _| true,
+        |record| {
+            let Some(cell) = &record.cell else { return };
+            let described = described(cell);
+            if summary.is_none() {
+                let given = described.and_then(|cell| cell["given"].as_object());
+                summary = Some(CellSummary {
+                    cell: cell.clone(),
+                    camera: record.camera.clone(),
+                    table: described.and_then(|cell| cell["table"].as_u64()).unwrap_or_default(),
+                    factors: given.cloned().unwrap_or_default(),
+                    bound_px: None,
+                    methods: Vec::new(),
+                });
+            }
+            let place = places.get(&record.method).copied().unwrap_or_else(|| {
+                let grid = described.and_then(|cell| cell["factors"]["phase_grid"].as_u64());
+                methods.push(Collected::new(
+                    &record,
+                    grid.and_then(|grid| usize::try_from(grid).ok()),
+                ));
+                places.insert(record.method.clone(), methods.len() - 1);
+                methods.len() - 1
+            });
+            if place == 0 && record.kind == kind::CORNER {
+                bounds.extend(record.bound_r10_px);
+            }
+            methods[place].add(&record);
+        },
+    )?;
+    Ok(summary.map(|summary| CellSummary {
         bound_px: stats::root_mean_square(&bounds),
-        methods: names.par_iter().map(of_method).collect(),
-    })
+        methods: methods.par_iter().map(Collected::summary).collect(),
+        ..summary
+    }))
 }
 
-impl DrawnMethod {
-    fn of(rows: &[&Record], grid: Option<usize>) -> Self {
-        let count = |kind: &str, status: &str| {
-            rows.iter().filter(|row| row.kind == kind && row.status == status).count()
-        };
-        let given: Vec<&Record> = rows
-            .iter()
-            .copied()
-            .filter(|row| row.kind == kind::CORNER && row.status == status::OK)
-            .collect();
-        let method = rows.first().map(|row| row.method.clone()).unwrap_or_default();
-        // Without its version.
-        let detector = rows.first().and_then(|row| row.detector.as_deref()?.split(' ').next());
+/// What a method made of a cell, as it is collected from rows.
+struct Collected {
+    method: String,
+    detector: Option<String>,
+    seed_disc_px: Option<f64>,
+    missed: usize,
+    false_answers: usize,
+    answers: Answers,
+    places: Option<Places>,
+}
+
+impl Collected {
+    fn new(first: &Record, grid: Option<usize>) -> Self {
+        Self {
+            method: first.method.clone(),
+            // Without its version.
+            detector: first
+                .detector
+                .as_deref()
+                .and_then(|one| one.split(' ').next())
+                .map(str::to_owned),
+            seed_disc_px: first.seed_disc_px,
+            missed: 0,
+            false_answers: 0,
+            answers: Answers::default(),
+            places: grid.map(Places::new),
+        }
+    }
+
+    fn add(&mut self, record: &Record) {
+        match (record.kind.as_str(), record.status.as_str()) {
+            (kind::CORNER, status::MISSED) => self.missed += 1,
+            (kind::FALSE_CORNER, status::FALSE) => self.false_answers += 1,
+            (kind::CORNER, status::OK) => {
+                self.answers.add(record);
+                self.places.iter_mut().for_each(|places| places.add(record));
+            }
+            _ => {}
+        }
+    }
+
+    fn summary(&self) -> DrawnMethod {
+        let Self { method, detector, seed_disc_px, missed, false_answers, answers, places } = self;
         let is_of_seeds = |word: &&str| {
-            detector.map_or(word.starts_with("disc_px="), |detector| *word == detector)
+            let is_disc = word.starts_with("disc_px=");
+            detector.as_ref().map_or(is_disc, |detector| *word == detector.as_str())
         };
         let words: Vec<&str> = method.split('-').filter(|word| !is_of_seeds(word)).collect();
-        Self {
+        DrawnMethod {
             series: if words.is_empty() { method.clone() } else { words.join("-") },
-            detector: detector.map(str::to_owned),
-            method,
-            seed_disc_px: rows.first().and_then(|row| row.seed_disc_px),
-            missed: count(kind::CORNER, status::MISSED),
-            false_answers: count(kind::FALSE_CORNER, status::FALSE),
-            refined: Refined::of(&answers(&given)),
-            lock: grid.and_then(|grid| Lock::of(&given, grid)),
+            detector: detector.clone(),
+            method: method.clone(),
+            seed_disc_px: *seed_disc_px,
+            missed: *missed,
+            false_answers: *false_answers,
+            refined: Refined::of(&answers.all),
+            lock: places.as_ref().and_then(Places::lock),
         }
     }
 }

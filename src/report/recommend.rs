@@ -15,14 +15,15 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 
 use crate::error::{Error, Result};
-use crate::record::{Record, RunDescription, Timing, read_records, read_run, read_timing, track};
+use crate::record::{RecordFile, RunDescription, Timing, read_run, read_timing, track};
 use crate::report::contest::warning;
 use crate::report::gospa::root_mean;
 use crate::report::refinement::Estimate;
 use crate::stats::{Bootstrap, holm, sign_flips};
 
-use gather::{Group, Methods, Scenes, Splits};
+use gather::{Group, Heading, Methods, Scenes, Splits};
 
+pub use gather::Tally;
 pub use pages::write;
 pub use words::{table, unit_words};
 
@@ -39,8 +40,8 @@ pub struct Measured {
     pub folder: PathBuf,
     /// How it came about.
     pub run: RunDescription,
-    /// Its records.
-    pub records: Vec<Record>,
+    /// What its records come to.
+    pub tally: Tally,
     /// What its pipelines took, where that was measured.
     pub timing: Option<Timing>,
 }
@@ -51,10 +52,15 @@ impl Measured {
     /// # Errors
     /// When its files are missing or not what their names say.
     pub fn read(folder: &Path) -> Result<Self> {
+        let file = RecordFile::open(&folder.join("records.parquet"))?;
+        let mut tally = Tally::default();
+        for group in 0..file.groups() {
+            file.read(group, &gather::COLUMNS)?.iter().for_each(|record| tally.add(record));
+        }
         Ok(Self {
             folder: folder.to_owned(),
             run: read_run(folder)?,
-            records: read_records(&folder.join("records.parquet"))?,
+            tally,
             timing: read_timing(folder)?,
         })
     }
@@ -74,11 +80,11 @@ pub enum ClassBy {
 }
 
 impl ClassBy {
-    fn of(self, record: &Record) -> Option<&str> {
+    fn of(self, heading: &Heading) -> Option<&str> {
         match self {
-            Self::Family => Some(&record.family),
-            Self::Pose => Some(&record.pose),
-            Self::Junction if record.track == track::REFINEMENT => record.junction.as_deref(),
+            Self::Family => Some(&heading.family),
+            Self::Pose => Some(&heading.pose),
+            Self::Junction if heading.track == track::REFINEMENT => heading.junction.as_deref(),
             Self::Junction => None,
         }
     }
@@ -406,7 +412,7 @@ fn confirm(candidates: &mut [(Candidate, &Scenes)], chosen: usize, group: &Group
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::record::{kind, status};
+    use crate::record::{Record, kind, status};
 
     /// A corner of one of 24 scenes of a split, by a method alone, that far off.
     fn row(method: &str, split: &str, scene: u8, error_px: f64) -> Record {
@@ -432,12 +438,27 @@ mod tests {
 
     /// Methods with their errors on dev and on test \[px\] and their times \[us\].
     fn measured(methods: &[(&str, f64, f64, f64)], is_timed: bool) -> Measured {
+        measured_if(methods, is_timed, |_| true)
+    }
+
+    /// The records that pass.
+    fn measured_if(
+        methods: &[(&str, f64, f64, f64)],
+        is_timed: bool,
+        mut passes: impl FnMut(&mut Record) -> bool,
+    ) -> Measured {
         let mut records = Vec::new();
         for (name, dev_px, test_px, _) in methods {
             for scene in 0..24 {
                 let hard = 1.0 + 0.1 * f64::from(scene % 5);
                 records.push(row(name, "dev", scene, dev_px * hard));
                 records.push(row(name, "test", scene, test_px * hard));
+            }
+        }
+        let mut tally = Tally::default();
+        for mut record in records {
+            if passes(&mut record) {
+                tally.add(&record);
             }
         }
         let pipeline = |(name, ..): &(&str, f64, f64, f64)| {
@@ -470,7 +491,7 @@ mod tests {
         Measured {
             folder: "RUN".into(),
             run: serde_json::from_value(run).expect("a run"),
-            records,
+            tally,
             timing: is_timed.then(|| serde_json::from_value(timing).expect("times")),
         }
     }
@@ -529,12 +550,13 @@ mod tests {
 
     #[test]
     fn declining_does_not_pay_and_families_have_a_choice_each() {
-        let mut run = measured(&[("shy", 0.1, 0.1, 1.0), ("steady", 0.2, 0.2, 1.0)], true);
-        for record in &mut run.records {
+        let methods = [("shy", 0.1, 0.1, 1.0), ("steady", 0.2, 0.2, 1.0)];
+        let run = measured_if(&methods, true, |record| {
             if record.method == "shy" && record.family == "wall" {
                 record.refine_status = Some("singular".into());
             }
-        }
+            true
+        });
         let found = recommend(&[run], None, ClassBy::Family).expect("a choice");
         let chosen: Vec<(&str, Option<&str>)> = found
             .choices
@@ -570,9 +592,8 @@ mod tests {
             recommend(runs, budget_us, ClassBy::Family).expect_err("an error").chain()
         };
         let of_split = |split: &str| {
-            let mut part = Measured { folder: split.into(), ..whole.clone() };
-            part.records.retain(|record| record.split.as_deref() == Some(split));
-            part
+            let is_its = |record: &mut Record| record.split.as_deref() == Some(split);
+            Measured { folder: split.into(), ..measured_if(&METHODS, true, is_its) }
         };
         let [dev, test] = ["dev", "test"].map(of_split);
         let without_test = words(std::slice::from_ref(&dev), None);

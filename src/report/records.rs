@@ -1,13 +1,15 @@
 //! A run's records method by method: never all of them at once.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
+
+use rayon::prelude::*;
 
 use crate::error::Result;
 use crate::record::{Record, RecordFile, kind, status};
 use crate::report::summary::Unreadable;
 
-/// About so many records are held at once, a tenth of a gigabyte, unless a single method has more.
-const MOST: usize = 50_000;
+/// About so many records are held at once, a fifth of a gigabyte, unless a single method has more.
+const MOST: usize = 80_000;
 
 /// What is read to know who is there.
 const NAMES: [&str; 7] =
@@ -15,7 +17,8 @@ const NAMES: [&str; 7] =
 
 /// The records of one run.
 pub(super) struct RunRecords {
-    file: RecordFile,
+    path: PathBuf,
+    groups: usize,
     methods: Vec<Rows>,
     /// Scenes that could not be read, each with its reason.
     pub unreadable: Vec<Unreadable>,
@@ -35,32 +38,15 @@ impl RunRecords {
     /// # Errors
     /// When the file is missing, not Parquet, or its columns are another version's.
     pub fn open(path: &Path) -> Result<Self> {
-        let file = RecordFile::open(path)?;
-        let (mut methods, mut unreadable) = (Vec::<Rows>::new(), Vec::new());
-        for group in 0..file.groups() {
-            for record in file.read(group, &NAMES)? {
-                if record.kind == kind::SCENE {
-                    let reason = record.reason.unwrap_or_default();
-                    unreadable.push(Unreadable { scene: record.scene, reason });
-                    continue;
-                }
-                if !is_scored(&record) {
-                    continue;
-                }
-                let is_its = |rows: &&mut Rows| {
-                    (&rows.camera, &rows.method) == (&record.camera, &record.method)
-                };
-                match methods.iter_mut().find(is_its) {
-                    Some(rows) => rows.count += 1,
-                    None => methods.push(Rows {
-                        camera: record.camera,
-                        method: record.method,
-                        count: 1,
-                    }),
-                }
+        let groups = RecordFile::open(path)?.groups();
+        let (mut methods, mut unreadable) = (Vec::new(), Vec::new());
+        for mut found in read(path, groups, Found::of)? {
+            unreadable.append(&mut found.unreadable);
+            for rows in found.methods {
+                add(&mut methods, rows);
             }
         }
-        Ok(Self { file, methods, unreadable })
+        Ok(Self { path: path.to_owned(), groups, methods, unreadable })
     }
 
     /// The cameras, each once.
@@ -85,10 +71,11 @@ impl RunRecords {
             };
             let mut records: Vec<Vec<Record>> =
                 batch.iter().map(|rows| Vec::with_capacity(rows.count)).collect();
-            for group in 0..self.file.groups() {
-                let is_wanted = |camera: &str, method: &str| place(camera, method).is_some();
-                let rows = self.file.read_where(group, &[], is_wanted)?;
-                for record in rows.into_iter().filter(is_scored) {
+            let is_wanted = |camera: &str, method: &str| place(camera, method).is_some();
+            let groups =
+                read(&self.path, self.groups, |file, group| file.read_where(group, &[], is_wanted));
+            for group in groups? {
+                for record in group.into_iter().filter(is_scored) {
                     if let Some(place) = place(&record.camera, &record.method) {
                         records[place].push(record);
                     }
@@ -100,6 +87,56 @@ impl RunRecords {
         }
         Ok(())
     }
+}
+
+/// Who is there in a group.
+#[derive(Default)]
+struct Found {
+    methods: Vec<Rows>,
+    unreadable: Vec<Unreadable>,
+}
+
+impl Found {
+    fn of(file: &RecordFile, group: usize) -> Result<Self> {
+        let mut found = Self::default();
+        for record in file.read(group, &NAMES)? {
+            if record.kind == kind::SCENE {
+                let reason = record.reason.unwrap_or_default();
+                found.unreadable.push(Unreadable { scene: record.scene, reason });
+            } else if is_scored(&record) {
+                let Record { camera, method, .. } = record;
+                add(&mut found.methods, Rows { camera, method, count: 1 });
+            }
+        }
+        Ok(found)
+    }
+}
+
+fn add(methods: &mut Vec<Rows>, more: Rows) {
+    let is_its = |rows: &&mut Rows| (&rows.camera, &rows.method) == (&more.camera, &more.method);
+    match methods.iter_mut().find(is_its) {
+        Some(rows) => rows.count += more.count,
+        None => methods.push(more),
+    }
+}
+
+/// Reads groups in parallel; each thread has a place of its own in the file.
+pub(super) fn read<T: Send>(
+    path: &Path,
+    groups: usize,
+    read: impl Fn(&RecordFile, usize) -> Result<T> + Sync,
+) -> Result<Vec<T>> {
+    (0..groups)
+        .into_par_iter()
+        .map_init(
+            || RecordFile::open(path),
+            |file, group| match file {
+                Ok(file) => read(file, group),
+                // Said again, by an error of its own.
+                Err(_) => RecordFile::open(path).and_then(|file| read(&file, group)),
+            },
+        )
+        .collect()
 }
 
 /// Whether a row is of a method, and something is known of it.

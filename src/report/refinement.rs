@@ -171,22 +171,37 @@ impl Answer {
     }
 }
 
+/// Answers, as they are collected from rows.
+#[derive(Default)]
+pub(super) struct Answers {
+    /// So far.
+    pub all: Vec<Answer>,
+}
+
+impl Answers {
+    /// Adds the answer of a row, if it is of a corner that a refiner was given.
+    pub fn add(&mut self, record: &Record) {
+        if !is_given(record) {
+            return;
+        }
+        // Those of one scene come one after the other, most with the status of the one before.
+        let last = self.all.last();
+        let shared = |of_last: fn(&Answer) -> &Arc<str>, text: &str| {
+            let known = last.map(of_last).filter(|known| ***known == *text);
+            known.cloned().unwrap_or_else(|| text.into())
+        };
+        let scene = shared(|last| &last.scene, &record.scene);
+        let status = record.refine_status.as_deref().unwrap_or_default();
+        let refine_status = shared(|last| &last.refine_status, status);
+        self.all.push(Answer::of(record, scene, refine_status));
+    }
+}
+
 /// The answers for the corners that a refiner was given.
 pub fn answers(records: &[&Record]) -> Vec<Answer> {
-    let (mut scene, mut refine_status): (Arc<str>, Arc<str>) = ("".into(), "".into());
-    let given = records.iter().filter(|record| is_given(record));
-    let answer = |record: &&Record| {
-        // Those of one scene come one after the other.
-        if *scene != *record.scene {
-            scene = record.scene.as_str().into();
-        }
-        let status = record.refine_status.as_deref().unwrap_or_default();
-        if *refine_status != *status {
-            refine_status = status.into();
-        }
-        Answer::of(record, scene.clone(), refine_status.clone())
-    };
-    given.map(answer).collect()
+    let mut answers = Answers::default();
+    records.iter().for_each(|record| answers.add(record));
+    answers.all
 }
 
 /// Summarises the records of one method.

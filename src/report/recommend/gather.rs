@@ -1,6 +1,6 @@
 //! Runs -> the errors of each method in each scene, and that the runs fit together.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 
 use super::{ALL, ClassBy, Measured};
@@ -17,6 +17,95 @@ pub(super) type Scenes = BTreeMap<String, [f64; 3]>;
 pub(super) struct Splits {
     pub dev: Scenes,
     pub test: Scenes,
+}
+
+/// What is read of records.
+pub(super) const COLUMNS: [&str; 16] = [
+    "record_version",
+    "suite",
+    "scene",
+    "family",
+    "pose",
+    "split",
+    "camera",
+    "method",
+    "track",
+    "seed_disc_px",
+    "kind",
+    "status",
+    "junction",
+    "detected_error_px",
+    "refined_error_px",
+    "refine_status",
+];
+
+/// What a run's records come to, by all that they are told apart by, in the order in which these come.
+#[derive(Clone, Debug, Default)]
+pub struct Tally {
+    places: HashMap<Heading, usize>,
+    rows: Vec<(Heading, [f64; 3])>,
+}
+
+/// All that rows are told apart by.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub(super) struct Heading {
+    pub suite: String,
+    pub scene: String,
+    pub family: String,
+    pub pose: String,
+    pub split: Option<String>,
+    pub camera: String,
+    pub method: String,
+    pub track: String,
+    /// The bits of the disc's radius, if seeds were given.
+    seed_disc: Option<u64>,
+    pub junction: Option<String>,
+    /// Whether it is a corner asked for or an answer of which something is known.
+    is_judged: bool,
+}
+
+impl Heading {
+    fn of(record: &Record) -> Self {
+        let is_judged = [kind::CORNER, kind::FALSE_CORNER].contains(&record.kind.as_str())
+            && record.status != status::UNKNOWN;
+        Self {
+            suite: record.suite.clone(),
+            scene: record.scene.clone(),
+            family: record.family.clone(),
+            pose: record.pose.clone(),
+            split: record.split.clone(),
+            camera: record.camera.clone(),
+            method: record.method.clone(),
+            track: record.track.clone(),
+            seed_disc: record.seed_disc_px.map(f64::to_bits),
+            junction: record.junction.clone(),
+            is_judged,
+        }
+    }
+}
+
+impl Tally {
+    /// Adds a record.
+    pub fn add(&mut self, record: &Record) {
+        if record.kind == kind::SCENE {
+            return;
+        }
+        let heading = Heading::of(record);
+        let next = self.rows.len();
+        let place = *self.places.entry(heading.clone()).or_insert(next);
+        if place == next {
+            self.rows.push((heading, [0.0; 3]));
+        }
+        let cost = Cost::of(record);
+        let sums = &mut self.rows[place].1;
+        sums[0] += cost.square_px2();
+        sums[1] += cost.asked;
+        sums[2] += cost.false_px2;
+    }
+
+    fn headings(&self) -> impl Iterator<Item = &Heading> {
+        self.rows.iter().map(|(heading, _)| heading)
+    }
 }
 
 /// What is judged together: camera, track, disc, class.
@@ -70,12 +159,12 @@ pub(super) fn pipelines(runs: &[Measured]) -> Result<BTreeMap<&str, &serde_json:
 pub(super) fn refuse_twice(runs: &[Measured]) -> Result<()> {
     let mut seen: BTreeMap<(&str, &str, &str, &str), &Path> = BTreeMap::new();
     for one in runs {
-        for record in one.records.iter().filter(|record| record.kind != kind::SCENE) {
+        for heading in one.tally.headings() {
             let key = (
-                record.suite.as_str(),
-                record.scene.as_str(),
-                record.camera.as_str(),
-                record.method.as_str(),
+                heading.suite.as_str(),
+                heading.scene.as_str(),
+                heading.camera.as_str(),
+                heading.method.as_str(),
             );
             let first = *seen.entry(key).or_insert(&one.folder);
             if !std::ptr::eq(first, one.folder.as_path()) {
@@ -95,8 +184,8 @@ pub(super) fn refuse_twice(runs: &[Measured]) -> Result<()> {
 
 /// Refuses runs without a scene of a split.
 pub(super) fn refuse_without(runs: &[Measured], split: &str, other: &str) -> Result<()> {
-    let is_there = |record: &Record| record.split.as_deref() == Some(split);
-    if runs.iter().flat_map(|one| &one.records).any(is_there) {
+    let is_there = |heading: &Heading| heading.split.as_deref() == Some(split);
+    if runs.iter().flat_map(|one| one.tally.headings()).any(is_there) {
         return Ok(());
     }
     let plan = runs.first().map_or("PLAN", |one| one.run.plan.as_str());
@@ -115,34 +204,28 @@ pub(super) type Methods = Vec<(String, Splits)>;
 /// The sums of each scene, by what is judged together and by method.
 pub(super) fn collect(runs: &[Measured], class_by: ClassBy) -> Vec<(Group, Methods)> {
     let mut found: Vec<(Group, BTreeMap<&str, Splits>)> = Vec::new();
-    let is_judged = |record: &&Record| {
-        [kind::CORNER, kind::FALSE_CORNER].contains(&record.kind.as_str())
-            && record.status != status::UNKNOWN
-    };
-    for record in runs.iter().flat_map(|one| &one.records).filter(is_judged) {
-        let cost = Cost::of(record);
-        let scene = format!("{}/{}", record.suite, record.scene);
-        for class in [Some(ALL), class_by.of(record)].into_iter().flatten() {
+    let rows = runs.iter().flat_map(|one| &one.tally.rows);
+    for (heading, added) in rows.filter(|(heading, _)| heading.is_judged) {
+        let scene = format!("{}/{}", heading.suite, heading.scene);
+        for class in [Some(ALL), class_by.of(heading)].into_iter().flatten() {
             let group = Group {
-                camera: record.camera.clone(),
-                track: record.track.clone(),
-                seed_disc_px: record.seed_disc_px,
+                camera: heading.camera.clone(),
+                track: heading.track.clone(),
+                seed_disc_px: heading.seed_disc.map(f64::from_bits),
                 class: class.to_owned(),
             };
             let index = found.iter().position(|(other, _)| *other == group).unwrap_or_else(|| {
                 found.push((group, BTreeMap::new()));
                 found.len() - 1
             });
-            let splits = found[index].1.entry(&record.method).or_default();
-            let scenes = match record.split.as_deref() {
+            let splits = found[index].1.entry(&heading.method).or_default();
+            let scenes = match heading.split.as_deref() {
                 Some("dev") => &mut splits.dev,
                 Some("test") => &mut splits.test,
                 _ => continue,
             };
             let sums = scenes.entry(scene.clone()).or_default();
-            sums[0] += cost.square_px2();
-            sums[1] += cost.asked;
-            sums[2] += cost.false_px2;
+            sums.iter_mut().zip(added).for_each(|(sum, added)| *sum += added);
         }
     }
     let owned = |(name, splits): (&str, Splits)| (name.to_owned(), splits);
