@@ -6,6 +6,7 @@ use super::{DRAWN, Images, Run, Source, Unit};
 use crate::plan::{Cell, Pipeline};
 use crate::record::RunDescription;
 use crate::scene::sha256_hex;
+use crate::sensor::Photographer;
 
 impl Run<'_> {
     pub(super) fn description(
@@ -72,8 +73,7 @@ impl Run<'_> {
     /// A hash of all that decides the records: program, plan, cameras, scenes; not which of them.
     pub(super) fn identity(&self) -> String {
         let plan = self.plan;
-        let cameras: Vec<_> =
-            self.cameras().into_iter().map(|camera| (camera.name(), camera.model())).collect();
+        let cameras: Vec<_> = self.cameras().into_iter().map(Photographer::identity).collect();
         let rule = plan.corner_rule;
         let fingerprint = |unit: &Unit| match unit.images {
             Images::Scene(dataset) => Some(dataset.fingerprint(&unit.name)),

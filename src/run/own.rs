@@ -139,7 +139,7 @@ impl<'a> Album<'a> {
             json!([picture.name, bytes.map(|bytes| sha256_hex(&bytes)), points])
         };
         let pictures: Vec<Value> = self.pictures.par_iter().map(of_picture).collect();
-        let camera = self.camera().map(|camera| json!([camera.name(), camera.model()]));
+        let camera = self.camera().map(Photographer::identity);
         json!([pictures, camera, self.making.transfer, self.making.white, self.origin])
     }
 

@@ -64,6 +64,9 @@ pub struct Output {
     /// The exponent that undoes the curve "power".
     #[schemars(range(min = 1.0, max = 4.0))]
     pub gamma: f64,
+    /// How many times the light is in the curve "log".
+    #[schemars(range(min = 0.1, max = 100_000.0))]
+    pub log_gain: f64,
     /// How full colour is made of a mosaic.
     pub demosaic: Demosaic,
     /// Quality of a JPEG file in between, 1 to 100; none where 0. Its colours have full resolution.
@@ -82,6 +85,8 @@ pub enum Curve {
     Srgb,
     /// Light to the power of one over gamma.
     Power,
+    /// The logarithm of one and `log_gain` times the light.
+    Log,
 }
 
 impl Default for CameraModel {
@@ -105,6 +110,7 @@ impl Default for Output {
             transfer: Curve::default(),
             black_dn: 0.0,
             gamma: 2.2,
+            log_gain: 1000.0,
             demosaic: Demosaic::default(),
             jpeg_quality: 0,
         }
@@ -118,6 +124,7 @@ impl Output {
             Curve::Linear => Transfer::Linear,
             Curve::Srgb => Transfer::Srgb,
             Curve::Power => Transfer::Power { gamma: self.gamma },
+            Curve::Log => Transfer::Log { gain: self.log_gain },
         }
     }
 }

@@ -104,6 +104,12 @@ impl Photographer {
         self.spread.is_point() && is_even && distortion.is_none()
     }
 
+    /// All that decides what it makes of a film.
+    pub fn identity(&self) -> serde_json::Value {
+        let psf = self.psf.as_ref().map(|psf| (psf.width(), psf.samples()));
+        serde_json::json!([self.name, self.model, psf])
+    }
+
     /// The camera's name.
     pub fn name(&self) -> &str {
         &self.name
@@ -600,4 +606,20 @@ fn dilated(mask: &Plane<bool>, reach: usize) -> Plane<bool> {
     Plane::from_fn(width, height, |x, y| {
         (y.saturating_sub(reach)..(y + reach + 1).min(height)).any(|y| wide.at(x, y))
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn another_picture_of_the_point_spread_is_another_camera() {
+        let camera = |level: Option<f32>| {
+            let psf = level.map(|level| Plane::from_fn(3, 3, |x, _| level * x as f32 + 1.0));
+            Photographer::new("a", &CameraModel::default(), psf.as_ref()).identity()
+        };
+        assert_eq!(camera(Some(0.5)), camera(Some(0.5)));
+        assert_ne!(camera(Some(0.5)), camera(Some(0.25)));
+        assert_ne!(camera(Some(0.5)), camera(None));
+    }
 }

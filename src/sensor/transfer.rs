@@ -15,6 +15,11 @@ pub enum Transfer {
         /// The exponent that decodes: 2.2, say.
         gamma: f64,
     },
+    /// The logarithm of one and so many times the light.
+    Log {
+        /// How many times: more than 0; 1000 sees ten octaves.
+        gain: f64,
+    },
 }
 
 impl Transfer {
@@ -25,6 +30,7 @@ impl Transfer {
             Self::Srgb if linear <= 0.003_130_8 => 12.92 * linear,
             Self::Srgb => 1.055 * linear.powf(1.0 / 2.4) - 0.055,
             Self::Power { gamma } => linear.powf(1.0 / gamma),
+            Self::Log { gain } => (gain * linear).ln_1p() / gain.ln_1p(),
         }
     }
 
@@ -35,6 +41,7 @@ impl Transfer {
             Self::Srgb if encoded <= 0.040_45 => encoded / 12.92,
             Self::Srgb => ((encoded + 0.055) / 1.055).powf(2.4),
             Self::Power { gamma } => encoded.powf(gamma),
+            Self::Log { gain } => (encoded * gain.ln_1p()).exp_m1() / gain,
         }
     }
 
@@ -46,6 +53,7 @@ impl Transfer {
             Self::Srgb if linear <= 0.003_130_8 => 12.92,
             Self::Srgb => 1.055 / 2.4 * linear.powf(1.0 / 2.4 - 1.0),
             Self::Power { gamma } => (linear.powf(1.0 / gamma - 1.0) / gamma).min(1000.0),
+            Self::Log { gain } => gain / ((1.0 + gain * linear) * gain.ln_1p()),
         }
     }
 }
@@ -140,7 +148,12 @@ impl pulp::WithSimd for Quantise<'_> {
 mod tests {
     use super::*;
 
-    const ALL: [Transfer; 3] = [Transfer::Linear, Transfer::Srgb, Transfer::Power { gamma: 2.2 }];
+    const ALL: [Transfer; 4] = [
+        Transfer::Linear,
+        Transfer::Srgb,
+        Transfer::Power { gamma: 2.2 },
+        Transfer::Log { gain: 1000.0 },
+    ];
 
     #[test]
     fn srgb_of_mid_grey_is_the_published_value() {
