@@ -8,6 +8,7 @@ pub mod detection;
 pub mod drawn;
 mod figures;
 pub mod gospa;
+mod html;
 mod misses;
 pub mod recommend;
 mod records;
@@ -21,8 +22,6 @@ pub mod words;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use minijinja::Environment;
-use minijinja::value::Serde;
 use serde::Serialize;
 use serde_json::json;
 
@@ -165,16 +164,6 @@ pub fn write(folder: &Path) -> Result<Report> {
             Some(json!({ "method": method.label, "figures": figures }))
         })
         .collect();
-    let mut environment = Environment::new();
-    environment.add_filter("px", |value: Option<f64>| words::px(value));
-    environment.add_filter("px3", |value: Option<f64>| {
-        value.map_or_else(|| "-".to_owned(), |value| format!("{value:.3}"))
-    });
-    environment.add_filter("mm", |value: Option<f64>| words::mm(value));
-    environment.add_filter("percent", |value: Option<f64>| words::percent(value));
-    environment
-        .add_template("index.html", include_str!("index.html"))
-        .map_err(|error| Error::Other(format!("the report's template: {error:#}")))?;
     let content = json!({
         "run": run,
         "summary": summary,
@@ -195,12 +184,8 @@ pub fn write(folder: &Path) -> Result<Report> {
         "verdicts": summary.methods.iter().map(words::verdict).collect::<Vec<_>>(),
         "sections": sections,
     });
-    let page = environment
-        .get_template("index.html")
-        .and_then(|template| template.render(Serde(&content)))
-        .map_err(|error| Error::Other(format!("the report's template: {error:#}")))?;
     let path = report.join("index.html");
-    write_text(&path, &page)?;
+    write_text(&path, &html::page(html::RENDERED, &content)?)?;
     Ok(Report { run, content: Content::Rendered(Box::new(summary), notes), page: path })
 }
 

@@ -6,8 +6,6 @@ use std::path::{Path, PathBuf};
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use image::{ImageFormat, Rgb, RgbImage};
-use minijinja::Environment;
-use minijinja::value::Serde;
 use serde_json::json;
 
 use super::curves::{self, Quantity};
@@ -16,7 +14,7 @@ use super::{DrawnSummary, Lock, summarise, words};
 use crate::error::{Error, Result};
 use crate::files::{replace_folder, write_json};
 use crate::record::RunDescription;
-use crate::report::write_text;
+use crate::report::{html, write_text};
 
 /// Writes summary.json and report/ of a run of drawn junctions, and returns the summary and the page.
 ///
@@ -57,15 +55,8 @@ pub(in crate::report) fn write(
         "maps": maps(&summary)?,
         "has_bound": has_bound,
     });
-    let mut environment = Environment::new();
-    let failed = |error| Error::Other(format!("the report's template: {error:#}"));
-    environment.add_template("drawn.html", include_str!("../drawn.html")).map_err(failed)?;
-    let page = environment
-        .get_template("drawn.html")
-        .and_then(|template| template.render(Serde(&content)))
-        .map_err(failed)?;
     let path = report.join("index.html");
-    write_text(&path, &page)?;
+    write_text(&path, &html::page(html::DRAWN, &content)?)?;
     Ok((summary, path))
 }
 

@@ -3,13 +3,12 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use minijinja::Environment;
-use minijinja::value::Serde;
 use serde_json::json;
 
 use super::{ALL, Choice, Recommendation, front, words};
 use crate::error::{Error, Result};
 use crate::files::{write_json, write_whole};
+use crate::report::html;
 
 /// Writes the folder `recommendation` into a run's folder, in place of an earlier one, and returns its page.
 ///
@@ -38,9 +37,6 @@ pub fn write(run: &Path, recommendation: &Recommendation) -> Result<PathBuf> {
         }));
         pictures.extend(picture);
     }
-    let failed = |error: minijinja::Error| Error::Other(format!("the page's template: {error:#}"));
-    let mut environment = Environment::new();
-    environment.add_template("page.html", include_str!("page.html")).map_err(failed)?;
     let content = json!({
         "sections": sections,
         "pipelines": recommendation.pipelines.values().collect::<Vec<_>>(),
@@ -48,8 +44,7 @@ pub fn write(run: &Path, recommendation: &Recommendation) -> Result<PathBuf> {
         "budget": recommendation.budget_us.map(words::time_words),
         "runs": recommendation.runs,
     });
-    let template = environment.get_template("page.html").map_err(failed)?;
-    let page = template.render(Serde(&content)).map_err(failed)?;
+    let page = html::page(html::RECOMMENDATION, &content)?;
     let folder = run.join("recommendation");
     write_whole(&folder, |folder| {
         fs::create_dir(folder).map_err(Error::io(folder, "create"))?;
