@@ -9,6 +9,7 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use super::sheet::{Panel, Sheet, Spot, factor_name};
 use crate::error::{Error, Result};
+use crate::report::axis::steps;
 use crate::report::refinement::Estimate;
 
 const PANEL_PX: [u32; 2] = [380, 300];
@@ -127,7 +128,7 @@ fn draw_legend<'a>(
 }
 
 /// What all panels show of y.
-fn range(sheet: &Sheet, quantity: Quantity) -> std::ops::Range<f64> {
+fn range(sheet: &Sheet, quantity: Quantity) -> Range<f64> {
     let spots = sheet.panels.iter().flat_map(|panel| &panel.spots);
     let values = spots.flat_map(|spot| {
         let estimate = quantity.of(spot).map(|estimate| estimate.value);
@@ -148,17 +149,6 @@ fn range(sheet: &Sheet, quantity: Quantity) -> std::ops::Range<f64> {
         }
         _ => 0.01..1.0,
     }
-}
-
-/// What a logarithmic axis names: 1, 2, 5 and their decades, or these alone where they are many.
-fn steps(range: &Range<f64>) -> Vec<f64> {
-    let of = |digits: &[f64]| -> Vec<f64> {
-        let decades = (-6..4).map(|decade| 10_f64.powi(decade));
-        let steps = decades.flat_map(|decade| digits.iter().map(move |digit| digit * decade));
-        steps.filter(|step| range.contains(step)).collect()
-    };
-    let all = of(&[1.0, 2.0, 5.0]);
-    if all.len() > 6 { of(&[1.0]) } else { all }
 }
 
 /// Smaller errors are none \[px\].

@@ -5,6 +5,7 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use super::{Candidate, Choice};
 use crate::error::{Error, Result};
+use crate::report::axis::steps;
 use crate::report::words::three_digits;
 
 const SIZE_PX: (u32, u32) = (760, 460);
@@ -25,6 +26,11 @@ pub(super) fn mark(candidates: &mut [&mut Candidate]) {
         candidate.is_on_front = candidate.dev_px.value < least_px;
         least_px = least_px.min(candidate.dev_px.value);
     }
+}
+
+/// Whether a method's name stands in the picture.
+fn is_named(choice: &Choice, candidate: &Candidate) -> bool {
+    candidate.is_on_front || choice.chosen.as_deref() == Some(candidate.method.as_str())
 }
 
 /// Draws error against time, that one logarithmic, as an SVG: the front in blue with its names, the chosen method in red,
@@ -48,7 +54,10 @@ pub(super) fn draw(choice: &Choice, budget_us: Option<f64>) -> Result<Option<Str
     // Room about the outermost points, more to the right: names stand there.
     let margin = (most_us / least_us).powf(0.08).max(1.2);
     let times = least_us / margin..most_us * margin.powi(4);
-    let most_px = 1.1 * points.iter().map(|point| point.1).fold(0.0, f64::max);
+    let named = points.iter().filter(|(.., one)| is_named(choice, one)).count();
+    // Names stand above one another.
+    let most_px =
+        (1.1 + 0.05 * named as f64) * points.iter().map(|point| point.1).fold(0.0, f64::max);
     let mut text = String::new();
     let failed = |error: DrawingAreaErrorKind<_>| {
         Error::Other(format!("the picture of error against time: {error}"))
@@ -60,13 +69,15 @@ pub(super) fn draw(choice: &Choice, budget_us: Option<f64>) -> Result<Option<Str
             .margin(12)
             .x_label_area_size(40)
             .y_label_area_size(56)
-            .build_cartesian_2d(times.log_scale(), 0.0..most_px)
+            .build_cartesian_2d(
+                times.clone().log_scale().with_key_points(steps(&times)),
+                0.0..most_px,
+            )
             .map_err(failed)?;
         let unit = super::unit_words(&choice.track);
         chart
             .configure_mesh()
             .light_line_style(TRANSPARENT)
-            .x_labels(5)
             .y_labels(6)
             .label_style(("sans-serif", 13))
             .axis_desc_style(("sans-serif", 14))
@@ -96,12 +107,24 @@ pub(super) fn draw(choice: &Choice, budget_us: Option<f64>) -> Result<Option<Str
             };
             let dot = Circle::new((*time_us, *error_px), 4, colour.filled());
             chart.draw_series([dot]).map_err(failed)?;
-            if is_chosen || one.is_on_front {
-                let anchor = Pos::new(HPos::Left, VPos::Bottom);
-                let style = ("sans-serif", 13).into_font().color(&colour).pos(anchor);
-                let name = Text::new(format!(" {}", one.method), (*time_us, *error_px), style);
-                chart.draw_series([name]).map_err(failed)?;
-            }
+        }
+        let mut names: Vec<_> = points
+            .iter()
+            .filter(|(.., one)| is_named(choice, one))
+            .map(|(time_us, error_px, one)| (chart.backend_coord(&(*time_us, *error_px)), *one))
+            .collect();
+        names.sort_by_key(|(dot, _)| dot.0);
+        let top = names.iter().map(|(dot, _)| dot.1).min().unwrap_or_default();
+        // The leftmost the highest: no name stands on another's line.
+        for (level, ((x, y), one)) in names.iter().rev().enumerate() {
+            let is_chosen = choice.chosen.as_deref() == Some(one.method.as_str());
+            let colour = if is_chosen { CHOSEN } else { FRONT };
+            let at = top - 18 - 16 * i32::try_from(level).unwrap_or_default();
+            let line = PathElement::new([(*x, *y), (*x, at)], colour.mix(0.4));
+            root.draw(&line).map_err(failed)?;
+            let anchor = Pos::new(HPos::Left, VPos::Center);
+            let style = ("sans-serif", 13).into_font().color(&colour).pos(anchor);
+            root.draw(&Text::new(format!(" {}", one.method), (*x, at), style)).map_err(failed)?;
         }
         root.present().map_err(failed)?;
     }
