@@ -16,7 +16,7 @@ use crate::plan::read_camera;
 use crate::report::refinement::Estimate;
 use crate::report::summary::{MethodSummary, summarise};
 use crate::report::words;
-use crate::run::known_answers;
+use crate::run::{KNOWN_GATE_PX, known_answers};
 use crate::scene::{Dataset, Scene, TrueCorner, Visibility};
 
 /// What passes of one kind of evidence.
@@ -83,7 +83,7 @@ pub(super) fn run(global: &Global, options: &Options) -> Result<Ended> {
     let known = if unreadable.is_empty() {
         let camera = read_camera(&project::recipes(global)?, &options.camera)?;
         let records = known_answers(&dataset, camera)?;
-        summarise(&records, 5.0).methods.iter().map(KnownAnswer::of).collect()
+        summarise(&records, KNOWN_GATE_PX).methods.iter().map(KnownAnswer::of).collect()
     } else {
         Vec::new()
     };

@@ -31,8 +31,9 @@ struct Alternative {
 }
 
 /// All pipelines that a pipeline's table stands for, each with a name of its own: the table's, then what was
-/// chosen, in the order of the stages; where there is neither, its algorithms. A stage is a table, or an algorithm's name alone, or a list of these; a
-/// value of a stage's table may be a list; the algorithm "all" is every one.
+/// chosen, in the order of the stages; where there is neither, its algorithms. A stage is a table, or an
+/// algorithm's name alone, or a list of these; a value of a stage's table may be a list; the algorithm "all" is
+/// every one.
 ///
 /// # Errors
 /// When it stands for more than ten thousand.

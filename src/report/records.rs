@@ -64,8 +64,17 @@ impl RunRecords {
     ///
     /// # Errors
     /// When the file cannot be read, and those of `f`.
-    pub fn for_each_method(&self, mut f: impl FnMut(&[&Record]) -> Result<()>) -> Result<()> {
-        for batch in batches(&self.methods, MOST) {
+    pub fn for_each_method(&self, f: impl FnMut(&[&Record]) -> Result<()>) -> Result<()> {
+        self.for_each_method_of(MOST, f)
+    }
+
+    /// The same, about `most` rows at a time.
+    fn for_each_method_of(
+        &self,
+        most: usize,
+        mut f: impl FnMut(&[&Record]) -> Result<()>,
+    ) -> Result<()> {
+        for batch in batches(&self.methods, most) {
             let place = |camera: &str, method: &str| {
                 batch.iter().position(|rows| (&*rows.camera, &*rows.method) == (camera, method))
             };
@@ -203,14 +212,20 @@ mod tests {
         assert_eq!(run.unreadable.len(), 1);
         assert_eq!((&*run.unreadable[0].scene, &*run.unreadable[0].reason), ("b", "lost"));
         assert_eq!(run.cameras(), ["ideal"]);
-        let mut found = Vec::new();
-        run.for_each_method(|rows| {
-            let scenes: Vec<String> = rows.iter().map(|row| row.scene.clone()).collect();
-            found.push((rows[0].method.clone(), scenes));
-            Ok(())
-        })
-        .expect("rows");
         let names = |names: &[&str]| names.iter().map(|name| (*name).to_owned()).collect();
-        assert_eq!(found, [("x".to_owned(), names(&["a", "c"])), ("y".to_owned(), names(&["a"]))]);
+        // Once through the file, and once for each method.
+        for most in [MOST, 1] {
+            let mut found = Vec::new();
+            run.for_each_method_of(most, |rows| {
+                let scenes: Vec<String> = rows.iter().map(|row| row.scene.clone()).collect();
+                found.push((rows[0].method.clone(), scenes));
+                Ok(())
+            })
+            .expect("rows");
+            assert_eq!(
+                found,
+                [("x".to_owned(), names(&["a", "c"])), ("y".to_owned(), names(&["a"]))]
+            );
+        }
     }
 }

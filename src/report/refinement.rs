@@ -3,14 +3,18 @@
 //! What is drawn anew for an interval is a scene, with all its corners and photographs: those of one scene are off
 //! together.
 
+mod answer;
+
 use std::collections::BTreeMap;
-use std::sync::Arc;
 
 use serde::Serialize;
 
-use crate::record::{Record, kind, status};
+use crate::record::Record;
 use crate::report::gospa::root_mean;
 use crate::stats::{self, Bootstrap, Interval};
+
+pub use answer::{Answer, answers};
+pub(super) use answer::{Answers, Key, is_answered, is_given};
 
 /// What a refiner made of the corners that it was given.
 #[derive(Clone, Debug, Serialize)]
@@ -110,100 +114,6 @@ pub const WITHIN_PX: [f64; 3] = [0.1, 0.25, 0.5];
 /// \[px\].
 pub const MOST_BOUND_PX: f64 = 0.5;
 
-/// What became of a corner that a refiner was given, as far as statistics ask.
-#[derive(Clone, Debug)]
-pub struct Answer {
-    pub(super) scene: Arc<str>,
-    exposure: Option<i32>,
-    corner_index: Option<i32>,
-    refine_status: Arc<str>,
-    /// Of an answer that was not declined.
-    pub(super) error_px: Option<f64>,
-    off_px: [f64; 2],
-    own_frame_px: Option<[f64; 2]>,
-    bound_px: Option<f64>,
-    normed_square: Option<f64>,
-}
-
-/// A corner of a photograph: scene, exposure, corner.
-pub(super) type Key<'a> = (&'a str, Option<i32>, Option<i32>);
-
-impl Answer {
-    fn of(record: &Record, scene: Arc<str>, refine_status: Arc<str>) -> Self {
-        let off = |at: Option<f64>, truth: Option<f64>| at.zip(truth).map_or(0.0, |(a, b)| a - b);
-        let own_frame = record.refined_along_px.zip(record.refined_across_px);
-        Self {
-            scene,
-            exposure: record.exposure,
-            corner_index: record.corner_index,
-            refine_status,
-            error_px: record.refined_error_px.filter(|_| is_answered(record)),
-            off_px: [
-                off(record.refined_x_px, record.true_x_px),
-                off(record.refined_y_px, record.true_y_px),
-            ],
-            own_frame_px: own_frame.map(|(along_px, across_px)| [along_px, across_px]),
-            bound_px: record.bound_r10_px.filter(|bound_px| *bound_px <= MOST_BOUND_PX),
-            normed_square: normed_square(record).filter(|_| is_answered(record)),
-        }
-    }
-
-    /// Which corner.
-    pub(super) fn key(&self) -> Key<'_> {
-        (&self.scene, self.exposure, self.corner_index)
-    }
-
-    /// Whether it was declined, or is off by more than [`FAILED_PX`].
-    pub(super) fn is_failed(&self) -> bool {
-        self.error_px.is_none_or(|error_px| error_px > FAILED_PX)
-    }
-
-    /// Whether another says just the same.
-    #[allow(clippy::float_cmp, reason = "the same to the bit")]
-    pub(super) fn is_same(&self, other: &Self) -> bool {
-        (self.off_px, self.error_px) == (other.off_px, other.error_px)
-            && self.refine_status == other.refine_status
-    }
-
-    /// The error over its bound.
-    fn over_bound(&self) -> Option<f64> {
-        self.error_px.zip(self.bound_px).map(|(error_px, bound_px)| error_px / bound_px)
-    }
-}
-
-/// Answers, as they are collected from rows.
-#[derive(Default)]
-pub(super) struct Answers {
-    /// So far.
-    pub all: Vec<Answer>,
-}
-
-impl Answers {
-    /// Adds the answer of a row, if it is of a corner that a refiner was given.
-    pub fn add(&mut self, record: &Record) {
-        if !is_given(record) {
-            return;
-        }
-        // Those of one scene come one after the other, most with the status of the one before.
-        let last = self.all.last();
-        let shared = |of_last: fn(&Answer) -> &Arc<str>, text: &str| {
-            let known = last.map(of_last).filter(|known| ***known == *text);
-            known.cloned().unwrap_or_else(|| text.into())
-        };
-        let scene = shared(|last| &last.scene, &record.scene);
-        let status = record.refine_status.as_deref().unwrap_or_default();
-        let refine_status = shared(|last| &last.refine_status, status);
-        self.all.push(Answer::of(record, scene, refine_status));
-    }
-}
-
-/// The answers for the corners that a refiner was given.
-pub fn answers(records: &[&Record]) -> Vec<Answer> {
-    let mut answers = Answers::default();
-    records.iter().for_each(|record| answers.add(record));
-    answers.all
-}
-
 /// Summarises the records of one method.
 pub fn summarise(records: &[&Record]) -> RefinementSummary {
     let found: Vec<&Record> = records.iter().copied().filter(|record| is_given(record)).collect();
@@ -299,16 +209,6 @@ fn shift(refined: &Refined) -> Option<&'static str> {
     ]
     .into_iter()
     .find_map(|(by_px, words)| (is_at(x, by_px) && is_at(y, by_px)).then_some(words))
-}
-
-/// Whether a refiner was given this corner.
-pub(super) fn is_given(record: &Record) -> bool {
-    record.kind == kind::CORNER && record.status == status::OK
-}
-
-/// Whether a refiner answered, and did not decline.
-pub(super) fn is_answered(record: &Record) -> bool {
-    matches!(record.refine_status.as_deref(), Some("ok" | "max_iterations"))
 }
 
 /// What one answer adds to a scene's sums, or a corner that has none.
@@ -473,19 +373,10 @@ pub(super) fn estimate<const K: usize>(
     Some(Estimate::of(value, interval))
 }
 
-/// e^T C^-1 e.
-fn normed_square(record: &Record) -> Option<f64> {
-    let x = record.refined_x_px? - record.true_x_px?;
-    let y = record.refined_y_px? - record.true_y_px?;
-    let (xx, xy, yy) =
-        (record.covariance_xx_px2?, record.covariance_xy_px2?, record.covariance_yy_px2?);
-    let determinant = xx * yy - xy * xy;
-    (determinant > 0.0).then(|| (x * x * yy - 2.0 * x * y * xy + y * y * xx) / determinant)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::record::{kind, status};
 
     fn corner(scene: &str, error_px: f64, occluder_px: Option<f64>, refine_status: &str) -> Record {
         Record {

@@ -57,7 +57,8 @@ fn of_rendered(summary: &Summary, notes: &Notes) -> String {
         text.push_str(&table_of(&refinement).to_string());
         text.push_str(
             "\nof the corners given, errors of the answers; (95 %): over scenes; within: of all that were given; bound: \
-             Cram\u{e9}r-Rao, from the pixels within 10 px, of corners that these bound to 0.5 px; along: into the corner's angle; failed: declined or more than 1 px off; NEES: squared error \
+             Cram\u{e9}r-Rao, from the pixels within 10 px, of corners that these bound to 0.5 px; along: into the \
+             corner's angle; failed: declined or more than 1 px off; NEES: squared error \
              over the refiner's own covariance, 2 is right; clear: nothing before the corner within 20 px\n",
         );
     }

@@ -42,6 +42,9 @@ const DRAWS: u32 = 64;
 /// Times that answers are given which are always the same: two, as one would have no interval.
 const REPEATS: u32 = 2;
 
+/// The gate of known answers \[px\]: those of `summarise`, too.
+pub const KNOWN_GATE_PX: f64 = 5.0;
+
 /// The records of all known answers on every scene of a dataset, photographed by a camera. What cannot be
 /// photographed is left out.
 ///
@@ -69,7 +72,7 @@ pub fn known_answers(dataset: &Dataset, camera: Photographer) -> Result<Vec<Reco
         shots: Shots { phases: 1, repeats: 1 },
         range_sensor: String::new(),
         range_sensor_model: RangeSensor::default(),
-        corner_rule: CornerRule { gate_px: 5.0, least_edge_px: 3.0, most_bound_px: 0.5 },
+        corner_rule: CornerRule { gate_px: KNOWN_GATE_PX, least_edge_px: 3.0, most_bound_px: 0.5 },
         pipelines,
     };
     let camera = &plan.cameras[0];

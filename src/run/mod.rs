@@ -33,7 +33,7 @@ use crate::sensor::Photographer;
 use drawn::Booth;
 use parts::Parts;
 
-pub use known::{Known, known_answers};
+pub use known::{KNOWN_GATE_PX, Known, known_answers};
 pub use merge::merge;
 pub use own::Album;
 pub use photographs::{Photographs, Wanted, photograph};

@@ -38,8 +38,8 @@ type Stages = [f64; 3];
 
 impl Run<'_> {
     /// Times every pipeline on photographs of some of the scenes, evenly chosen, and writes `output`/timing.json. All
-    /// pipelines take turns on each photograph, none is always first; the first round, which warms caches up, does not
-    /// count. A scene that cannot be read or photographed is left out. Of drawn junctions and of pictures of one's own there is
+    /// pipelines take turns on each photograph, none is always first; the first round, which warms caches up and
+    /// derives the planes that algorithms share (luma, red difference), does not count. A scene that cannot be read or photographed is left out. Of drawn junctions and of pictures of one's own there is
     /// no such file.
     ///
     /// # Errors

@@ -355,3 +355,25 @@ impl LinearLight {
         (high - low).mul_add(place - index as f32, low)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_preview_shows_linear_light_through_the_srgb_curve_to_one_level() {
+        let (bit_depth, black_dn) = (12, 64.0);
+        let encoding = Encoding { bit_depth, transfer: Transfer::Linear, black_dn };
+        let plane = Plane::from_fn(64, 64, |x, y| (64 * y + x) as f32);
+        let exposure =
+            Exposure::new([plane.clone(), plane.clone(), plane], encoding).expect("an exposure");
+        let preview = exposure.to_preview();
+        for dn in 0..4096_u32 {
+            let light = ((f64::from(dn) - black_dn) / (4095.0 - black_dn)).max(0.0);
+            let wanted = 255.0 * Transfer::Srgb.encode(light);
+            let shown = f64::from(preview.get_pixel(dn % 64, dn / 64)[0]);
+            assert!((shown - wanted).abs() < 0.6, "{dn} DN: {shown}, not {wanted}");
+        }
+        assert_eq!(preview.get_pixel(63, 63)[2], 255);
+    }
+}

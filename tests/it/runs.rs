@@ -271,6 +271,18 @@ fn list_says_what_would_run_and_measures_nothing() {
 }
 
 #[test]
+fn a_plan_of_families_measures_their_scenes() {
+    let copy = tempfile::tempdir().expect("a temporary folder");
+    copy_folder(&recipes(), copy.path());
+    let plan = "families = ['board', 'plain']\n[[pipelines]]\ndetect = 'harris'\nrefine = 'none'\n";
+    fs::write(copy.path().join("plans/odd.toml"), plan).expect("written");
+    let mut list = cornerbench();
+    list.args(["measure", "odd", "--list", "--recipes"]).arg(copy.path()).arg(plain_dataset());
+    let said = succeed(&mut list);
+    assert!(said.contains("of 2 scenes"), "{said}");
+}
+
+#[test]
 fn plans_that_make_no_sense_say_why() {
     let copy = tempfile::tempdir().expect("a temporary folder");
     copy_folder(&recipes(), copy.path());
