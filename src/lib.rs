@@ -13,6 +13,7 @@ pub mod cuboid;
 pub mod detect;
 pub mod error;
 pub mod export;
+pub mod external;
 pub mod files;
 pub mod filter;
 pub mod geometry;

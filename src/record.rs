@@ -24,10 +24,10 @@ use crate::error::{Error, Result};
 use crate::geometry::{ImagePoint, Origin};
 use crate::sensor::{CameraModel, RangeSensor, Transfer};
 
-pub use timing::{MethodTime, Spread, TIMING_FILE, Timing, read_timing};
+pub use timing::{MethodTime, ProgramTime, Spread, TIMING_FILE, Timing, read_timing};
 
 /// Version of the columns.
-pub const RECORD_VERSION: i32 = 5;
+pub const RECORD_VERSION: i32 = 6;
 
 /// What a row is about: the words of column `kind`.
 pub mod kind {
@@ -41,6 +41,8 @@ pub mod kind {
     pub const GRASP: &str = "grasp";
     /// A scene that could not be read.
     pub const SCENE: &str = "scene";
+    /// An exposure to which another program gave no answer.
+    pub const FAILURE: &str = "failure";
 }
 
 /// What is judged: the words of column `track`.
@@ -81,6 +83,8 @@ pub mod status {
     pub const NO_FACE: &str = "no_face";
     /// A face was chosen, the range sensor saw nothing there.
     pub const NO_RANGE: &str = "no_range";
+    /// A face was chosen, and the program that estimates a grasp gave no answer.
+    pub const FAILED: &str = "failed";
     /// A file of the scene is missing, truncated or altered.
     pub const UNREADABLE: &str = "unreadable";
 }
@@ -215,7 +219,7 @@ pub struct Record {
     /// The refiner's position \[px\].
     pub refined_y_px: Option<f64>,
     /// "ok", "max_iterations", "reverted", "diverged", "singular", "out_of_bounds", "not_applicable",
-    /// "false_corner".
+    /// "false_corner", "failed".
     pub refine_status: Option<String>,
     /// The refiner's covariance of its position, where it has one \[px^2\].
     pub covariance_xx_px2: Option<f64>,
@@ -480,9 +484,28 @@ pub struct RunDescription {
     pub machine: String,
     /// The scenes' renderers: "mitsuba 3.9.1 llvm_ad_rgb".
     pub renderers: Vec<String>,
+    /// The other programs in the pipelines: how they are started and what they said of themselves.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub programs: Vec<serde_json::Value>,
+    /// How often pipelines with them had no answer, and why.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub failures: Vec<FailureCount>,
     /// What is known of pictures of one's own, if that is what was measured.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pictures: Option<PicturesDescription>,
+}
+
+/// How often a method had no answer, for another program gave none; stands in RUN/run.json.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct FailureCount {
+    /// The method.
+    pub method: String,
+    /// What went wrong, as records have it: "timed_out".
+    pub status: String,
+    /// Photographs, and ends of the program.
+    pub count: usize,
+    /// Why, the first time.
+    pub reason: String,
 }
 
 /// What is known of pictures of one's own; stands in RUN/run.json.

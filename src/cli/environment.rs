@@ -87,6 +87,26 @@ pub fn present_python(root: &Path, purpose: Purpose) -> Result<Option<PathBuf>> 
     Ok(is_complete(&folder).then(|| program(&folder)))
 }
 
+/// The Python program of an environment that holds what the one of a name does, where such is set up. "" is the one that
+/// the user has activated, else the project's that holds most.
+pub fn python_with(root: &Path, name: &str) -> Option<PathBuf> {
+    use Purpose::{Development, Kornia, Peers, Ray, Rendering};
+    let active = ["VIRTUAL_ENV", "CONDA_PREFIX"].into_iter().find_map(std::env::var_os);
+    if let Some(active) = active.filter(|_| name.is_empty()) {
+        return Some(program(Path::new(&active)));
+    }
+    let holding: &[Purpose] = match name {
+        "" => &[Kornia, Development, Peers, Rendering, Ray],
+        "rendering" => &[Rendering, Development, Peers, Kornia, Ray],
+        "peers" => &[Peers, Kornia, Development],
+        "kornia" => &[Kornia],
+        "development" => &[Development],
+        "ray" => &[Ray],
+        _ => &[],
+    };
+    holding.iter().find_map(|purpose| present_python(root, *purpose).ok().flatten())
+}
+
 fn home(root: &Path) -> PathBuf {
     root.join(".python")
 }

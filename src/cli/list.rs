@@ -29,6 +29,7 @@ enum Kind {
     Refiners,
     Faces,
     Grasps,
+    Programs,
 }
 
 pub(super) fn run(global: &Global, options: &Options) -> Result<Ended> {
@@ -43,6 +44,7 @@ pub(super) fn run(global: &Global, options: &Options) -> Result<Ended> {
         Kind::Refiners => entries(REFINERS),
         Kind::Faces => entries(SELECTORS),
         Kind::Grasps => entries(ESTIMATORS),
+        Kind::Programs => programs()?,
     };
     if global.json {
         let rows: Vec<_> = rows
@@ -73,4 +75,13 @@ fn recipes(global: &Global, folder: &str) -> Result<Vec<(String, String)>> {
             Ok((name, summary.unwrap_or_default().to_owned()))
         })
         .collect()
+}
+
+/// Programs that are known, with what they do.
+fn programs() -> Result<Vec<(String, String)>> {
+    let row = |block: crate::external::Block| {
+        let does: Vec<&str> = block.does.iter().map(|task| task.name()).collect();
+        (block.name, format!("{}: {}", does.join(", "), block.summary))
+    };
+    Ok(super::programs::known()?.into_iter().map(row).collect())
 }

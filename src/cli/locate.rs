@@ -5,17 +5,18 @@ mod output;
 use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
+use toml::Table;
 
 use super::own::PictureOptions;
 use super::progress::counting;
-use super::{Ended, Global, project};
+use super::{Ended, Global, programs, project};
 use crate::detect::{DETECTORS, Detection, Detector};
 use crate::error::{Error, Result};
+use crate::external::{Asked, Task as Does};
 use crate::geometry::ImagePoint;
 use crate::picture::{KnownCorner, KnownCorners, Located, Making, find_pictures, read_picture};
-use crate::plan::{Plan, Seeds};
+use crate::plan::{AnyStage, Plan, Seeds};
 use crate::refine::{REFINERS, Refiner};
-use crate::registry::{self, Entry};
 
 #[derive(clap::Args)]
 pub(super) struct Options {
@@ -36,6 +37,9 @@ pub(super) struct Options {
     /// Refiners, with their defaults, instead of the plan's, side by side; "all" is every one.
     #[arg(long, value_name = "NAME", value_delimiter = ',')]
     refiner: Vec<String>,
+    /// Algorithms that are other programs, to name as --detector or --refiner: their names, or the file of one's own.
+    #[arg(long, value_name = "NAME|FILE")]
+    with: Vec<String>,
     /// The plan whose first pipeline names detector and refiner.
     #[arg(long, default_value = "paper")]
     plan: String,
@@ -46,17 +50,11 @@ pub(super) struct Options {
     own: PictureOptions,
 }
 
-/// An algorithm and what it is called.
-struct Named<T: ?Sized> {
-    name: String,
-    algorithm: Box<T>,
-}
-
 /// What to do with each picture.
 struct Task {
     /// None where seeds are given.
-    detector: Option<Box<dyn Detector>>,
-    refiners: Vec<Named<dyn Refiner>>,
+    detector: Option<AnyStage<dyn Detector>>,
+    refiners: Vec<AnyStage<dyn Refiner>>,
     /// Seeds that were given; no detector is asked then.
     points: Option<Vec<ImagePoint>>,
     known: Option<KnownCorners>,
@@ -104,6 +102,7 @@ pub(super) fn run(global: &Global, options: &Options) -> Result<Ended> {
 
 fn task(global: &Global, options: &Options) -> Result<Task> {
     let plan = Plan::read(&project::recipes(global)?, &options.plan)?;
+    let programs = programs::open(&options.with)?;
     // A plan has one at least.
     let pipeline = plan.pipelines.into_iter().next();
     let pipeline =
@@ -115,8 +114,11 @@ fn task(global: &Global, options: &Options) -> Result<Task> {
     let seeds_known = known.is_some() && points.is_none() && options.detector.is_none();
     let detector = match (&options.detector, pipeline.seeds) {
         _ if points.is_some() || seeds_known => None,
-        (Some(name), _) => Some(built(DETECTORS, "detector", "--detector", name)?),
-        (None, Seeds::Detected { detect, .. }) => Some(detect.algorithm),
+        (Some(name), _) => {
+            let none = Table::new();
+            Some(AnyStage::choose("--detector", DETECTORS, &programs, Does::Detect, name, none)?)
+        }
+        (None, Seeds::Detected { detect, .. }) => Some(detect),
         (None, Seeds::Disc { .. }) => {
             return Err(Error::Other(format!(
                 "plan {}: its first pipeline has no detector; give --detector, or another --plan",
@@ -125,27 +127,24 @@ fn task(global: &Global, options: &Options) -> Result<Task> {
         }
     };
     let names: Vec<&str> = if options.refiner.iter().any(|name| name == "all") {
-        REFINERS.iter().map(|entry| entry.name).collect()
+        let refines = programs.iter().filter(|program| program.does().contains(&Does::Refine));
+        let own = REFINERS.iter().map(|entry| entry.name);
+        own.chain(refines.map(|program| program.name())).collect()
     } else {
         options.refiner.iter().map(String::as_str).collect()
     };
     let mut refiners = Vec::new();
     for (index, name) in names.iter().enumerate() {
-        let algorithm = built(REFINERS, "refiner", "--refiner", name)?;
+        let none = Table::new();
+        let refiner = AnyStage::choose("--refiner", REFINERS, &programs, Does::Refine, name, none)?;
         if !names[..index].contains(name) {
-            refiners.push(Named { name: (*name).to_owned(), algorithm });
+            refiners.push(refiner);
         }
     }
     if refiners.is_empty() {
-        let stage = pipeline.refine;
-        refiners.push(Named { name: stage.name.to_owned(), algorithm: stage.algorithm });
+        refiners.push(pipeline.refine);
     }
     Ok(Task { detector, refiners, points, known, seeds_known })
-}
-
-fn built<T: ?Sized>(entries: &[Entry<T>], kind: &str, option: &str, name: &str) -> Result<Box<T>> {
-    let entry = registry::find(entries, kind, name, option)?;
-    (entry.build)(option, &(entry.defaults)())
 }
 
 /// The points of the command line and of a file; `None` where neither was asked for.
@@ -185,12 +184,21 @@ impl Task {
         let at = |point: ImagePoint| Detection::new(point, 0.0);
         let seeds: Vec<Detection> = match (&self.points, &self.detector) {
             (Some(points), _) => points.iter().copied().map(at).collect(),
-            (None, Some(detector)) => detector.detect(&exposure, None),
+            (None, Some(detector)) => answered(path, detector.detect(&exposure, None))?,
             (None, None) => known.iter().map(|corner| at(corner.point)).collect(),
         };
-        let refined = |named: &Named<dyn Refiner>| named.algorithm.refine(&exposure, &seeds);
-        let corners = self.refiners.iter().map(refined).collect();
+        let refined =
+            |refiner: &AnyStage<dyn Refiner>| answered(path, refiner.refine(&exposure, &seeds));
+        let corners = self.refiners.iter().map(refined).collect::<Result<_>>()?;
         Ok(Located::new(path.to_owned(), corners, known))
+    }
+}
+
+/// The answer, or which picture a program gave none to.
+fn answered<T>(path: &Path, asked: Asked<T>) -> Result<T> {
+    match asked {
+        Ok(reply) => Ok(reply.answer),
+        Err(failure) => Err(Error::Other(format!("{}: {}", path.display(), failure.reason))),
     }
 }
 

@@ -6,7 +6,7 @@ use indicatif::HumanDuration;
 
 use super::own::PictureOptions;
 use super::progress::counting;
-use super::{Ended, Global, command_line, print, print_line, project};
+use super::{Ended, Global, command_line, print, print_line, programs, project};
 use crate::error::{Error, Result};
 use crate::picture::{EXTENSIONS, find_pictures};
 use crate::plan::{Pipeline, Plan, Seeds};
@@ -34,6 +34,10 @@ pub(super) struct Options {
     /// Leave out the times that pipelines take, measured after all else on one thread.
     #[arg(long)]
     no_timing: bool,
+    /// Algorithms that are other programs, beside the plan's own in every stage that does what they do: their names
+    /// (`cornerbench list programs`), "all", or the file of one's own: a program, or a TOML file (scripts/PROTOCOL.md).
+    #[arg(long, value_name = "NAME|FILE")]
+    with: Vec<String>,
     /// The run's folder; out/PLAN-SUITE, with split and shard behind it, where this is not given.
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
@@ -48,7 +52,9 @@ enum SplitName {
 }
 
 pub(super) fn run(global: &Global, options: &Options) -> Result<Ended> {
-    let plan = Plan::read(&project::recipes(global)?, &options.plan)?;
+    let programs = programs::open(&options.with)?;
+    programs::say(global, &programs);
+    let plan = Plan::read_with(&project::recipes(global)?, &options.plan, &programs)?;
     let split = options.split.map(|name| match name {
         SplitName::Dev => Split::Dev,
         SplitName::Test => Split::Test,
@@ -218,7 +224,7 @@ fn measure(
             "{}: a shard; cornerbench merge SHARD... -o RUN makes all of them one run",
             output.display()
         ));
-        return Ok(if outcome.unreadable == 0 { Ended::Well } else { Ended::Partly });
+        return Ok(ended(outcome));
     }
     show(global, output, outcome)
 }
@@ -232,7 +238,11 @@ pub(super) fn show(global: &Global, output: &Path, outcome: Outcome) -> Result<E
         print(terminal::tables(&report))?;
         print_line(format_args!("open {}", report.page.display()))?;
     }
-    Ok(if outcome.unreadable == 0 { Ended::Well } else { Ended::Partly })
+    Ok(ended(outcome))
+}
+
+fn ended(outcome: Outcome) -> Ended {
+    if outcome.unreadable == 0 && outcome.failed == 0 { Ended::Well } else { Ended::Partly }
 }
 
 /// Says what would be measured.

@@ -11,6 +11,7 @@ mod locate;
 mod measure;
 mod merge;
 mod own;
+mod programs;
 mod progress;
 mod project;
 mod quickstart;

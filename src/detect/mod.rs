@@ -54,6 +54,12 @@ impl Detection {
     }
 }
 
+/// Whether a point lies in the region or no farther than `margin_px` from it, as a detector that is no own one
+/// is held to.
+pub fn is_near_region(region: &TargetRegion, margin_px: f64, point: ImagePoint) -> bool {
+    area::holds(&region.grown_quadrilateral(margin_px), point)
+}
+
 /// Finds corner candidates in one exposure.
 pub trait Detector: Send + Sync {
     /// Replaces what `found` holds by the candidates, strongest response first: those inside the region

@@ -1,9 +1,12 @@
 //! Alternatives: where a pipeline gives several values, each combination is a pipeline of its own.
 
+use std::sync::Arc;
+
 use toml::{Table, Value};
 
 use crate::detect::DETECTORS;
 use crate::error::{Error, Result};
+use crate::external::Program;
 use crate::grasp::{ESTIMATORS, SELECTORS};
 use crate::refine::REFINERS;
 use crate::target::EXTRACTORS;
@@ -28,20 +31,37 @@ fn stages() -> [(&'static str, Vec<&'static str>); 6] {
 struct Alternative {
     labels: Vec<String>,
     table: Table,
+    /// The programs that joined.
+    joined: Vec<String>,
+    /// Whether a label says more than who joined.
+    is_labelled: bool,
+}
+
+/// The table of one pipeline.
+#[derive(Debug)]
+pub(super) struct OfOne {
+    pub table: Table,
+    /// The programs that joined, as its name where no other pipeline has the same ones.
+    pub joined: Option<String>,
 }
 
 /// All pipelines that a pipeline's table stands for, each with a name of its own: the table's, then what was
 /// chosen, in the order of the stages; where there is neither, its algorithms. A stage is a table, or an
 /// algorithm's name alone, or a list of these; a value of a stage's table may be a list; the algorithm "all" is
-/// every one.
+/// every one. A program is one more of every stage that does what it does.
 ///
 /// # Errors
 /// When it stands for more than ten thousand.
-pub(super) fn pipelines(place: &str, table: &Table) -> Result<Vec<Table>> {
-    let mut found = vec![Alternative { labels: Vec::new(), table: table.clone() }];
+pub(super) fn pipelines(
+    place: &str,
+    table: &Table,
+    programs: &[Arc<Program>],
+) -> Result<Vec<OfOne>> {
+    let mut found = vec![Alternative { table: table.clone(), ..Alternative::default() }];
     for (stage, names) in stages() {
         let Some(value) = table.get(stage) else { continue };
-        let choices = of_stage(value, &names);
+        let mut choices = of_stage(value, &names);
+        choices.extend(joining(stage, &choices, programs));
         if found.len() * choices.len() > MOST {
             return Err(Error::Other(format!(
                 "{place}: stands for more than {MOST} pipelines; give {stage} fewer values, or \
@@ -52,6 +72,10 @@ pub(super) fn pipelines(place: &str, table: &Table) -> Result<Vec<Table>> {
             let mut next = before.clone();
             next.labels.extend(choice.labels.iter().cloned());
             next.table.insert(stage.to_owned(), choice.value.clone());
+            if choice.has_joined {
+                next.joined.extend(choice.labels.iter().cloned());
+            }
+            next.is_labelled |= !choice.has_joined && !choice.labels.is_empty();
             next
         };
         found = found
@@ -59,18 +83,38 @@ pub(super) fn pipelines(place: &str, table: &Table) -> Result<Vec<Table>> {
             .flat_map(|before| choices.iter().map(move |choice| with(before, choice)))
             .collect();
     }
-    let named = |Alternative { labels, mut table }: Alternative| {
+    let named = |Alternative { labels, mut table, joined, is_labelled }: Alternative| {
         let own = table.get("name").and_then(Value::as_str).filter(|name| !name.is_empty());
+        let is_nameless = own.is_none() && !is_labelled;
         let mut words: Vec<String> = own.map(str::to_owned).into_iter().chain(labels).collect();
-        if words.is_empty() {
+        if is_nameless {
             words = stages().iter().filter_map(|(stage, _)| algorithm(&table, stage)).collect();
         }
         if !words.is_empty() {
             table.insert("name".to_owned(), words.join("-").into());
         }
-        table
+        OfOne { table, joined: (!joined.is_empty()).then(|| joined.join("-")) }
     };
     Ok(found.into_iter().map(named).collect())
+}
+
+/// The programs that do what a stage does and are not yet in it. Where the plan wants nothing done they do nothing.
+fn joining(stage: &str, choices: &[Choice], programs: &[Arc<Program>]) -> Vec<Choice> {
+    let named = |choice: &Choice| Some(choice.value.get("algorithm")?.as_str()?.to_owned());
+    let there: Vec<String> = choices.iter().filter_map(named).collect();
+    if there.iter().all(|name| name == "none") {
+        return Vec::new();
+    }
+    let joins = |program: &&Arc<Program>| {
+        let mut does = program.does().iter().map(|task| task.name());
+        does.any(|task| task == stage) && !there.iter().any(|name| name == program.name())
+    };
+    let choice = |program: &Arc<Program>| Choice {
+        labels: vec![program.name().to_owned()],
+        value: Value::Table(Table::from_iter([("algorithm".to_owned(), program.name().into())])),
+        has_joined: true,
+    };
+    programs.iter().filter(joins).map(choice).collect()
 }
 
 /// The algorithm of a stage.
@@ -83,6 +127,8 @@ fn algorithm(table: &Table, stage: &str) -> Option<String> {
 struct Choice {
     labels: Vec<String>,
     value: Value,
+    /// Whether it is a program that joined.
+    has_joined: bool,
 }
 
 fn of_stage(value: &Value, names: &[&str]) -> Vec<Choice> {
@@ -105,7 +151,7 @@ fn of_stage(value: &Value, names: &[&str]) -> Vec<Choice> {
             };
             values.iter().flat_map(each).collect()
         }
-        other => vec![Choice { labels: Vec::new(), value: other.clone() }],
+        other => vec![Choice { labels: Vec::new(), value: other.clone(), has_joined: false }],
     }
 }
 
@@ -128,7 +174,7 @@ pub(super) fn values(place: &str, table: &Table, first: &str) -> Result<Vec<(Vec
     }
     Ok(combinations(table, first, &[])
         .into_iter()
-        .map(|Alternative { labels, table }| (labels, table))
+        .map(|Alternative { labels, table, .. }| (labels, table))
         .collect())
 }
 
@@ -136,7 +182,11 @@ pub(super) fn values(place: &str, table: &Table, first: &str) -> Result<Vec<(Vec
 fn of_table(table: &Table, names: &[&str]) -> Vec<Choice> {
     combinations(table, "algorithm", names)
         .into_iter()
-        .map(|Alternative { labels, table }| Choice { labels, value: Value::Table(table) })
+        .map(|Alternative { labels, table, .. }| Choice {
+            labels,
+            value: Value::Table(table),
+            has_joined: false,
+        })
         .collect()
 }
 
@@ -176,8 +226,8 @@ mod tests {
 
     fn names(text: &str) -> Vec<String> {
         let table: Table = text.parse().expect("TOML");
-        let name = |table: &Table| table["name"].as_str().expect("a name").to_owned();
-        pipelines("plan", &table).expect("few").iter().map(name).collect()
+        let name = |one: &OfOne| one.table["name"].as_str().expect("a name").to_owned();
+        pipelines("plan", &table, &[]).expect("few").iter().map(name).collect()
     }
 
     #[test]
@@ -221,7 +271,7 @@ mod tests {
         let many = many.join(", ");
         let text = format!("name = 'a'\nseeds.disc_px = [{many}]\nrefine.epsilon_px = [{many}]");
         let table: Table = text.parse().expect("TOML");
-        let error = pipelines("plan", &table).expect_err("10,201").to_string();
+        let error = pipelines("plan", &table, &[]).expect_err("10,201").to_string();
         assert!(error.contains("more than 10000 pipelines"), "{error}");
     }
 }

@@ -4,8 +4,10 @@ mod alternatives;
 mod drawn;
 mod file;
 mod recipes;
+mod stage;
 
 use std::path::Path;
+use std::sync::Arc;
 
 use schemars::Schema;
 use serde::{Deserialize, Serialize};
@@ -13,17 +15,20 @@ use toml::Table;
 
 use crate::detect::{DETECTORS, Detector};
 use crate::error::{Error, Result};
+use crate::external::{Program, Task};
 use crate::grasp::{ESTIMATORS, FaceSelector, GraspEstimator, SELECTORS};
 use crate::metrics::CornerRule;
 use crate::refine::{REFINERS, Refiner};
-use crate::registry::{self, Entry};
+use crate::registry;
 use crate::sensor::{Photographer, RangeSensor};
 use crate::target::{EXTRACTORS, TargetExtractor};
 
+use alternatives::OfOne;
 use file::{Names, PipelineFile, PlanFile, SeedsFile};
 
 pub use drawn::{Cell, Factors, Kind, Surface};
 pub use recipes::{read_camera, read_range_sensor, read_table, recipe_names};
+pub use stage::{Algorithm, AnyStage, OwnStage, Stage};
 
 /// What to measure, read and checked.
 pub struct Plan {
@@ -75,7 +80,7 @@ pub struct Pipeline {
     /// Where candidates come from.
     pub seeds: Seeds,
     /// Candidates to corners.
-    pub refine: Stage<dyn Refiner>,
+    pub refine: AnyStage<dyn Refiner>,
     /// Corners to a grasp; it ends with the corners where there is none.
     pub grasp: Option<GraspStages>,
 }
@@ -85,9 +90,9 @@ pub enum Seeds {
     /// End to end: a detector finds them, or not, and others besides.
     Detected {
         /// Exposure to target region; the whole image is searched where there is none.
-        target: Option<Stage<dyn TargetExtractor>>,
+        target: Option<OwnStage<dyn TargetExtractor>>,
         /// Region to corner candidates.
-        detect: Stage<dyn Detector>,
+        detect: AnyStage<dyn Detector>,
     },
     /// Refinement: about each corner that is asked for, anywhere in a disc; the refiner alone is judged.
     Disc {
@@ -98,7 +103,7 @@ pub enum Seeds {
 
 impl Seeds {
     /// The target extractor, if there is one.
-    pub fn target(&self) -> Option<&Stage<dyn TargetExtractor>> {
+    pub fn target(&self) -> Option<&OwnStage<dyn TargetExtractor>> {
         match self {
             Self::Detected { target, .. } => target.as_ref(),
             Self::Disc { .. } => None,
@@ -109,39 +114,23 @@ impl Seeds {
 /// A chain of algorithms from corners to a grasp.
 pub struct GraspStages {
     /// Corners to the face to grasp.
-    pub face: Stage<dyn FaceSelector>,
+    pub face: OwnStage<dyn FaceSelector>,
     /// Face to grasp point.
-    pub point: Stage<dyn GraspEstimator>,
-}
-
-/// An algorithm with its parameters set.
-pub struct Stage<T: ?Sized> {
-    /// Its entry's name.
-    pub name: &'static str,
-    /// Its entry's version.
-    pub version: u32,
-    /// Its parameters, defaults included.
-    pub parameters: Table,
-    /// The algorithm.
-    pub algorithm: Box<T>,
-}
-
-impl<T: ?Sized> Stage<T> {
-    /// Name and version, as records have them: "harris 1".
-    pub fn label(&self) -> String {
-        format!("{} {}", self.name, self.version)
-    }
-
-    fn description(&self) -> serde_json::Value {
-        serde_json::json!({
-            "algorithm": self.name,
-            "version": self.version,
-            "parameters": self.parameters,
-        })
-    }
+    pub point: AnyStage<dyn GraspEstimator>,
 }
 
 impl Plan {
+    /// The other programs in its pipelines, each once.
+    pub fn programs(&self) -> Vec<&Arc<Program>> {
+        let mut found: Vec<&Arc<Program>> = Vec::new();
+        for program in self.pipelines.iter().flat_map(Pipeline::programs) {
+            if !found.iter().any(|one| Arc::ptr_eq(one, program)) {
+                found.push(program);
+            }
+        }
+        found
+    }
+
     /// The JSON Schema of `plans/NAME.toml`.
     pub fn schema() -> Schema {
         registry::schema::<PlanFile>()
@@ -152,6 +141,15 @@ impl Plan {
     /// # Errors
     /// For an unknown name or key, or a value out of range: with file, key, found, allowed.
     pub fn read(recipes: &Path, name: &str) -> Result<Self> {
+        Self::read_with(recipes, name, &[])
+    }
+
+    /// The same with other programs, each in every stage that does what it does: where the plan has a refiner, a program
+    /// that refines is one more.
+    ///
+    /// # Errors
+    /// The same; and for a program that does nothing which the plan has a stage for.
+    pub fn read_with(recipes: &Path, name: &str, programs: &[Arc<Program>]) -> Result<Self> {
         let (place, table) = read_table(recipes, "plans", name)?;
         let file: PlanFile = registry::parameters(&place, &table)?;
         let cameras = match file.camera {
@@ -164,16 +162,11 @@ impl Plan {
             return Err(Error::Other(format!("{place}: camera is an empty list; name one")));
         }
         let range_sensor_model = read_range_sensor(recipes, &file.range_sensor)?;
-        let mut pipelines = Vec::new();
-        for (index, table) in file.pipelines.iter().enumerate() {
-            let place = format!("{place}: pipelines.{index}");
-            for table in alternatives::pipelines(&place, table)? {
-                pipelines.push(Pipeline::build(&place, &table)?);
-            }
-        }
+        let pipelines = pipelines(&place, &file.pipelines, programs)?;
         if pipelines.is_empty() {
             return Err(Error::Other(format!("{place}: no pipelines; add a [[pipelines]] table")));
         }
+        check_joined(&place, &pipelines, programs)?;
         check_families(&place, recipes, &file.families)?;
         let cells = drawn::cells(&place, &file.drawn)?;
         if !cells.is_empty() {
@@ -205,6 +198,56 @@ impl Plan {
             },
             pipelines,
         })
+    }
+}
+
+/// All pipelines of a plan's tables, and those that programs join.
+fn pipelines(place: &str, tables: &[Table], programs: &[Arc<Program>]) -> Result<Vec<Pipeline>> {
+    let mut all: Vec<(String, OfOne)> = Vec::new();
+    for (index, table) in tables.iter().enumerate() {
+        let place = format!("{place}: pipelines.{index}");
+        for one in alternatives::pipelines(&place, table, programs)? {
+            // Tables that differ in what a program takes the place of are the same with it.
+            if one.joined.is_none() || !all.iter().any(|(_, other)| is_same(&one, other)) {
+                all.push((place.clone(), one));
+            }
+        }
+    }
+    let build = |(place, one): &(String, OfOne)| {
+        let same = all.iter().filter(|(_, other)| other.joined == one.joined).count();
+        let mut table = one.table.clone();
+        // A name that is clear without the others is the shorter one.
+        if let Some(short) = one.joined.as_ref().filter(|_| same == 1) {
+            table.insert("name".to_owned(), short.clone().into());
+        }
+        Pipeline::build(place, &table, programs)
+    };
+    all.iter().map(build).collect()
+}
+
+/// Whether two tables differ in their names alone.
+fn is_same(one: &OfOne, other: &OfOne) -> bool {
+    let keys = |table: &Table| table.keys().filter(|key| *key != "name").count();
+    let mut own = one.table.iter().filter(|(key, _)| *key != "name");
+    keys(&one.table) == keys(&other.table)
+        && own.all(|(key, value)| other.table.get(key) == Some(value))
+}
+
+/// Refuses programs that take part in nothing.
+fn check_joined(place: &str, pipelines: &[Pipeline], programs: &[Arc<Program>]) -> Result<()> {
+    let takes_part = |one: &&Arc<Program>| {
+        pipelines.iter().any(|pipeline| pipeline.programs().any(|p| Arc::ptr_eq(p, one)))
+    };
+    match programs.iter().find(|program| !takes_part(program)) {
+        Some(program) => {
+            let does: Vec<&str> = program.does().iter().map(|task| task.name()).collect();
+            Err(Error::Other(format!(
+                "{place}: {} does {}, and no pipeline has that stage for it to join; take another plan: cornerbench list plans",
+                program.name(),
+                does.join(" and ")
+            )))
+        }
+        None => Ok(()),
     }
 }
 
@@ -260,6 +303,16 @@ fn refuse_twice<'a>(place: &str, kind: &str, names: impl Iterator<Item = &'a str
 }
 
 impl Pipeline {
+    /// The other programs in it.
+    pub fn programs(&self) -> impl Iterator<Item = &Arc<Program>> {
+        let detect = match &self.seeds {
+            Seeds::Detected { detect, .. } => detect.program(),
+            Seeds::Disc { .. } => None,
+        };
+        let grasp = self.grasp.as_ref().and_then(|stages| stages.point.program());
+        detect.into_iter().chain(self.refine.program()).chain(grasp)
+    }
+
     /// Its algorithms with versions and parameters, for run.json.
     pub fn description(&self) -> serde_json::Value {
         serde_json::json!({
@@ -280,7 +333,7 @@ impl Pipeline {
     }
 
     /// The pipeline of a table that has one value of each.
-    pub(crate) fn build(place: &str, table: &Table) -> Result<Self> {
+    pub(crate) fn build(place: &str, table: &Table, programs: &[Arc<Program>]) -> Result<Self> {
         let file: PipelineFile = registry::parameters(place, table)?;
         // A pipeline's name is part of file names and addresses.
         let legal = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || "-_=.".contains(c);
@@ -293,7 +346,7 @@ impl Pipeline {
             ));
         }
         let has_target = file.target.is_some();
-        let seeds = Self::build_seeds(place, file.seeds, file.target, file.detect)?;
+        let seeds = Self::build_seeds(place, programs, file.seeds, file.target, file.detect)?;
         let unrefined = || Table::from_iter([("algorithm".to_owned(), "none".into())]);
         let refine = file.refine.unwrap_or_else(unrefined);
         let grasp = match (file.face, file.grasp) {
@@ -305,8 +358,14 @@ impl Pipeline {
                 )));
             }
             (Some(face), Some(point)) => Some(GraspStages {
-                face: stage(place, "face", "face selector", SELECTORS, face)?,
-                point: stage(place, "grasp", "grasp estimator", ESTIMATORS, point)?,
+                face: OwnStage::build(&format!("{place}.face"), "face selector", SELECTORS, face)?,
+                point: AnyStage::build(
+                    &format!("{place}.grasp"),
+                    ESTIMATORS,
+                    programs,
+                    Task::Grasp,
+                    point,
+                )?,
             }),
             (face, _) => {
                 let (there, missing) =
@@ -319,7 +378,13 @@ impl Pipeline {
         };
         Ok(Self {
             seeds,
-            refine: stage(place, "refine", "refiner", REFINERS, refine)?,
+            refine: AnyStage::build(
+                &format!("{place}.refine"),
+                REFINERS,
+                programs,
+                Task::Refine,
+                refine,
+            )?,
             grasp,
             name: file.name,
         })
@@ -329,6 +394,7 @@ impl Pipeline {
 impl Pipeline {
     fn build_seeds(
         place: &str,
+        programs: &[Arc<Program>],
         seeds: Option<Table>,
         target: Option<Table>,
         detect: Option<Table>,
@@ -340,9 +406,18 @@ impl Pipeline {
             }
             (None, Some(detect)) => Ok(Seeds::Detected {
                 target: target
-                    .map(|table| stage(place, "target", "target extractor", EXTRACTORS, table))
+                    .map(|table| {
+                        let place = format!("{place}.target");
+                        OwnStage::build(&place, "target extractor", EXTRACTORS, table)
+                    })
                     .transpose()?,
-                detect: stage(place, "detect", "detector", DETECTORS, detect)?,
+                detect: AnyStage::build(
+                    &format!("{place}.detect"),
+                    DETECTORS,
+                    programs,
+                    Task::Detect,
+                    detect,
+                )?,
             }),
             (None, None) => Err(Error::Other(format!(
                 "{place}: no candidates; give `detect`, or `seeds` about the true corners"
@@ -353,28 +428,4 @@ impl Pipeline {
             ))),
         }
     }
-}
-
-/// Builds the algorithm that a stage's table names in its key `algorithm`; the rest of the table
-/// are its parameters.
-fn stage<T: ?Sized>(
-    place: &str,
-    key: &str,
-    kind: &str,
-    entries: &[Entry<T>],
-    mut table: Table,
-) -> Result<Stage<T>> {
-    let place = format!("{place}.{key}");
-    let name = match table.remove("algorithm") {
-        Some(toml::Value::String(name)) => name,
-        Some(other) => {
-            return Err(Error::out_of_range(place, "algorithm", other, "a name in quotes"));
-        }
-        None => return Err(Error::Other(format!("{place}: algorithm is missing"))),
-    };
-    let entry = registry::find(entries, kind, &name, &place)?;
-    let algorithm = (entry.build)(&place, &table)?;
-    let mut parameters = (entry.defaults)();
-    parameters.extend(table);
-    Ok(Stage { name: entry.name, version: entry.version, parameters, algorithm })
 }

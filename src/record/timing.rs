@@ -28,6 +28,22 @@ pub struct Timing {
     pub scenes: Vec<String>,
     /// Each camera and method.
     pub methods: Vec<MethodTime>,
+    /// The other programs that were timed.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub programs: Vec<ProgramTime>,
+}
+
+/// How another program ran while it was timed.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ProgramTime {
+    /// What plans call it.
+    pub name: String,
+    /// Its version and those of its libraries.
+    pub version: String,
+    /// Its threads, waiting ones too; `None` where the system does not tell.
+    pub threads: Option<usize>,
+    /// The processors that it may use, as the system names them: "0-3".
+    pub processors: Option<String>,
 }
 
 /// What one pipeline took on the photographs of one camera; medians and quartiles are over rounds.
@@ -49,6 +65,10 @@ pub struct MethodTime {
     pub grasp_us: Spread,
     /// All of it, per photograph.
     pub whole_us: Spread,
+    /// Of a pipeline with another program, which is timed by its own clock: what asking it to detect, to refine and to
+    /// grasp took beside that, per photograph. No part of the others.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub protocol_us: Option<[Spread; 3]>,
 }
 
 /// The middle of some values, in their unit.

@@ -49,6 +49,8 @@ pub enum RefineStatus {
     /// What is there looks like a corner and is none: an edge that ends behind another one. The
     /// position is the seed.
     FalseCorner,
+    /// A program that refines did not answer; the position is the seed.
+    Failed,
 }
 
 impl RefineStatus {
@@ -63,6 +65,7 @@ impl RefineStatus {
             Self::OutOfBounds => "out_of_bounds",
             Self::NotApplicable => "not_applicable",
             Self::FalseCorner => "false_corner",
+            Self::Failed => "failed",
         }
     }
 

@@ -148,9 +148,10 @@ pub(super) fn read<T: Send>(
         .collect()
 }
 
-/// Whether a row is of a method, and something is known of it.
+/// Whether a row is of a method's answers, and something is known of them.
 pub(super) fn is_scored(record: &Record) -> bool {
-    record.kind != kind::SCENE && record.status != status::UNKNOWN
+    ![kind::SCENE, kind::FAILURE].contains(&record.kind.as_str())
+        && record.status != status::UNKNOWN
 }
 
 /// As many at a time as have no more than `most` rows, and at least one.

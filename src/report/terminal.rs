@@ -2,6 +2,7 @@
 
 use comfy_table::{Cell, CellAlignment, ContentArrangement, LineStyle, Table, TableStyle, presets};
 
+use crate::record::FailureCount;
 use crate::report::drawn::{DrawnSummary, words as drawn};
 use crate::report::summary::{GraspSummary, MethodSummary, Summary};
 use crate::report::words::{self, Words};
@@ -9,10 +10,14 @@ use crate::report::{Content, Notes, Report, agreement};
 
 /// The summary as text; its tables fit the terminal, where standard output is one.
 pub fn tables(report: &Report) -> String {
-    match &report.content {
+    let mut text = match &report.content {
         Content::Rendered(summary, notes) => of_rendered(summary, notes),
         Content::Drawn(summary) => of_drawn(summary),
+    };
+    for FailureCount { method, status, count, reason } in &report.run.failures {
+        text.push_str(&format!("! {method} had no answer {count} times ({status}): {reason}\n"));
     }
+    text
 }
 
 fn of_drawn(summary: &DrawnSummary) -> String {

@@ -1,13 +1,18 @@
 //! Numbers as people read them, and what they say.
 
+mod contests;
+mod refiners;
+
 use serde::Serialize;
 
-use crate::record::MethodTime;
-use crate::report::compare::{Comparison, Verdict};
-use crate::report::contest::Contest;
+use crate::record::{MethodTime, Spread};
 use crate::report::detection::{Cause, DetectionSummary, Stratum};
-use crate::report::refinement::{Estimate, RefinedStratum, RefinementSummary};
+use crate::report::refinement::Estimate;
 use crate::report::summary::{GraspSummary, MethodSummary, SceneSummary, Summary};
+
+pub use contests::{ContestWords, compared, contests};
+pub(in crate::report) use refiners::by_refined_error;
+pub use refiners::{families, refinement, results, shifts};
 
 /// A length in pixels; "-" of nothing.
 pub fn px(value: Option<f64>) -> String {
@@ -200,9 +205,10 @@ pub fn gospa(summary: &Summary) -> Words {
         .into_iter()
         .chain(gates.iter().map(|gate| precision(gate.average_precision)))
         .chain([mean_average_precision.map_or_else(|| "-".to_owned(), precision)])
-        .chain(summary.timing.as_ref().map(|timing| {
-            let time = timing.of(&method.camera, &method.method);
-            three_digits(time.map(|time| 1e-3 * time.whole_us.median))
+        .chain(time_of(summary, method, |time| {
+            let ms = |us: Spread| 1e-3 * us.median;
+            let protocol_ms = time.protocol_us.map_or(0.0, |stages| stages.map(ms).iter().sum());
+            Some([ms(time.whole_us), protocol_ms])
         }))
         .collect()
     });
@@ -211,6 +217,23 @@ pub fn gospa(summary: &Summary) -> Words {
         header: header.into_iter().chain(of_gates).chain(last.map(str::to_owned)).collect(),
         rows: rows.collect(),
     }
+}
+
+/// A time of a method, to three digits, where times were measured: its own, and what asking another program took beside
+/// it: "1.23 + 0.120".
+fn time_of(
+    summary: &Summary,
+    method: &MethodSummary,
+    of: impl Fn(&MethodTime) -> Option<[f64; 2]>,
+) -> Option<String> {
+    let timing = summary.timing.as_ref()?;
+    let time = timing.of(&method.camera, &method.method);
+    Some(match time.and_then(|time| Some((time, of(time)?))) {
+        Some((_, [own, protocol])) if protocol > 0.0 => {
+            format!("{} + {}", three_digits(Some(own)), three_digits(Some(protocol)))
+        }
+        one => three_digits(one.map(|(_, [own, _])| own)),
+    })
 }
 
 /// A number to three digits; "-" of nothing.
@@ -222,173 +245,6 @@ pub fn three_digits(value: Option<f64>) -> String {
         size if size >= 0.9995 => format!("{value:.2}"),
         _ => format!("{value:.3}"),
     }
-}
-
-/// Refiners beside each other, the least error where nothing is before the corner first; `None` where all methods
-/// have the same.
-pub fn refinement(summary: &Summary) -> Option<Words> {
-    let first = summary.methods.first()?;
-    if summary.methods.iter().all(|method| method.refiner == first.refiner) {
-        return None;
-    }
-    let header = [
-        "method",
-        "answered",
-        "rms error px (95 %)",
-        "median",
-        "within 0.1, 0.25, 0.5 px",
-        "over bound (95 %)",
-        "over bound, median",
-        "bias along, across px",
-        "failed",
-        "NEES",
-        "clear: rms error px (95 %)",
-        "over bound",
-        "declined",
-    ];
-    let rows = by_refined_error(summary).into_iter().map(|method| {
-        let RefinementSummary { all, clear, statuses, .. } = &method.refinement;
-        let declined: Vec<String> = statuses
-            .iter()
-            .filter(|(status, _)| !matches!(status.as_str(), "ok" | "max_iterations"))
-            .map(|(status, count)| format!("{count} {}", status.replace('_', " ")))
-            .collect();
-        vec![
-            method.label.clone(),
-            format!("{} of {}", all.answered, all.asked),
-            between(all.rmse_px, 3),
-            of_estimate(all.median_px, 3),
-            within(&all.within),
-            between(all.rmse_over_bound, 1),
-            between(all.median_over_bound, 1),
-            format!(
-                "{}, {}",
-                of_estimate(all.bias_along_px, 3),
-                of_estimate(all.bias_across_px, 3)
-            ),
-            percent(all.failed.map(|failed| failed.value)),
-            of_estimate(all.nees, 1),
-            between(clear.rmse_px, 3),
-            of_estimate(clear.rmse_over_bound, 1),
-            if declined.is_empty() { "-".to_owned() } else { declined.join(", ") },
-        ]
-        .into_iter()
-        .chain(summary.timing.as_ref().map(|timing| {
-            let time = timing.of(&method.camera, &method.method);
-            three_digits(time.and_then(MethodTime::refine_us_per_corner))
-        }))
-        .collect()
-    });
-    let time = summary.timing.as_ref().map(|_| "us a corner");
-    let header = header.into_iter().chain(time).map(str::to_owned);
-    Some(Words { header: header.collect(), rows: rows.collect() })
-}
-
-/// "12, 40, 63 %".
-fn within(shares: &[Option<Estimate>]) -> String {
-    if shares.iter().all(Option::is_none) {
-        return "-".to_owned();
-    }
-    let percent = |share: &Option<Estimate>| {
-        share.map_or_else(|| "-".to_owned(), |share| format!("{:.0}", 100.0 * share.value))
-    };
-    format!("{} %", shares.iter().map(percent).collect::<Vec<_>>().join(", "))
-}
-
-/// Refiners by split, those from given seeds first, of these the one with most answers near on test, with the time that a corner takes where that is known: what one
-/// shows to others. `None` where there is but one split, or one refiner.
-pub fn results(summary: &Summary) -> Option<Words> {
-    refinement(summary)?;
-    let of_split = |method: &MethodSummary, name: &str| {
-        method.refinement.splits.iter().find(|split| split.name == name).cloned()
-    };
-    let mut methods: Vec<(&MethodSummary, RefinedStratum, RefinedStratum)> = summary
-        .methods
-        .iter()
-        .filter_map(|one| Some((one, of_split(one, "dev")?, of_split(one, "test")?)))
-        .collect();
-    if methods.is_empty() {
-        return None;
-    }
-    let near = |stratum: &RefinedStratum| stratum.within[1].map_or(0.0, |share| share.value);
-    methods.sort_by(|a, b| {
-        let is_detected = a.0.detector.is_some().cmp(&b.0.detector.is_some());
-        is_detected.then(near(&b.2).total_cmp(&near(&a.2)))
-    });
-    let header = [
-        "method",
-        "dev: within 0.1, 0.25, 0.5 px",
-        "rms error px (95 %)",
-        "test: within 0.1, 0.25, 0.5 px",
-        "rms error px (95 %)",
-        "over bound, median (95 %)",
-        "answered",
-        "failed",
-    ];
-    let time = summary.timing.as_ref().map(|_| "us a corner");
-    let rows = methods.iter().map(|(method, dev, test)| {
-        let time = summary.timing.as_ref().map(|timing| {
-            let time = timing.of(&method.camera, &method.method);
-            three_digits(time.and_then(MethodTime::refine_us_per_corner))
-        });
-        let cells = [
-            method.label.clone(),
-            within(&dev.within),
-            between(dev.rmse_px, 3),
-            within(&test.within),
-            between(test.rmse_px, 3),
-            between(test.median_over_bound, 1),
-            format!("{} of {}", test.answered, test.asked),
-            percent(test.failed.map(|failed| failed.value)),
-        ];
-        cells.into_iter().chain(time).collect()
-    });
-    Some(Words {
-        header: header.into_iter().chain(time).map(str::to_owned).collect(),
-        rows: rows.collect(),
-    })
-}
-
-/// Refiners by family of scenes: error, in brackets over the bound; `None` where there is but one family, or one refiner.
-pub fn families(summary: &Summary) -> Option<Words> {
-    refinement(summary)?;
-    let methods = by_refined_error(summary);
-    let mut names: Vec<&str> = Vec::new();
-    for family in methods.iter().flat_map(|method| &method.refinement.families) {
-        if !names.contains(&family.name.as_str()) {
-            names.push(&family.name);
-        }
-    }
-    names.sort_unstable();
-    if names.len() < 2 {
-        return None;
-    }
-    let row = |method: &&MethodSummary| {
-        let of_family = |name: &&str| {
-            let family = method.refinement.families.iter().find(|family| family.name == *name);
-            family.map_or_else(
-                || "-".to_owned(),
-                |family| {
-                    let error_px = of_estimate(family.rmse_px, 3);
-                    match family.rmse_over_bound {
-                        Some(ratio) => format!("{error_px} ({:.1})", ratio.value),
-                        None => error_px,
-                    }
-                },
-            )
-        };
-        std::iter::once(method.label.clone()).chain(names.iter().map(of_family)).collect()
-    };
-    let header = std::iter::once("method").chain(names.iter().copied()).map(str::to_owned);
-    Some(Words { header: header.collect(), rows: methods.iter().map(row).collect() })
-}
-
-/// What must be said of refiners beside their numbers.
-pub fn shifts(summary: &Summary) -> Vec<String> {
-    let of_method = |method: &MethodSummary| {
-        method.refinement.shift.map(|words| format!("{}: {words}", method.label))
-    };
-    summary.methods.iter().filter_map(of_method).collect()
 }
 
 /// A number without its interval; "-" of nothing.
@@ -405,121 +261,9 @@ pub fn between(estimate: Option<Estimate>, digits: usize) -> String {
     }
 }
 
-/// A comparison of methods that were given the same, in words.
-#[derive(Clone, Debug, Serialize)]
-pub struct ContestWords {
-    /// What they were given.
-    pub given: String,
-    /// The methods, the best first.
-    pub table: Words,
-    /// What can be said of them.
-    pub sentences: Vec<String>,
-}
-
-/// Methods that were given the same, beside the best of them; nothing where all have one refiner.
-pub fn contests(summary: &Summary) -> Vec<ContestWords> {
-    if refinement(summary).is_none() {
-        return Vec::new();
-    }
-    summary.contests.iter().map(of_contest).collect()
-}
-
-fn of_contest(contest: &Contest) -> ContestWords {
-    let header = [
-        "method",
-        "rms error px (95 %)",
-        "over bound (95 %)",
-        "times the best's (95 %)",
-        "p",
-        "rank",
-    ];
-    let rows = contest.methods.iter().map(|method| {
-        vec![
-            method.method.clone(),
-            between(method.common.rmse_px, 3),
-            between(method.common.rmse_over_bound, 2),
-            between(method.over_best, 2),
-            method.p.map_or_else(|| "-".to_owned(), probability),
-            method.mean_rank.map_or_else(|| "-".to_owned(), |rank| format!("{rank:.1}")),
-        ]
-    });
-    let mut sentences = Vec::new();
-    if let Some((p, difference)) = contest.p_of_ranks.zip(contest.critical_difference) {
-        sentences.push(format!(
-            "ranks differ with p = {}; mean ranks {difference:.1} apart tell two methods apart",
-            probability(p)
-        ));
-    }
-    let alike = contest.alike.iter().map(|group| group.join(", "));
-    sentences.extend(alike.map(|group| format!("cannot be told apart by rank: {group}")));
-    if !contest.left_out.is_empty() {
-        let others = contest.left_out.join(", ");
-        sentences.push(format!("left out, for they answered less than half: {others}"));
-    }
-    sentences.extend(contest.warning.clone());
-    let seeds = match contest.seed_disc_px {
-        Some(disc_px) => format!("seeds up to {disc_px} px off"),
-        None => "corners that were detected".to_owned(),
-    };
-    ContestWords {
-        given: format!(
-            "{}, {seeds}: {} corners in {} scenes that all answered",
-            contest.camera, contest.corners, contest.scenes
-        ),
-        table: Words { header: header.map(str::to_owned).to_vec(), rows: rows.collect() },
-        sentences,
-    }
-}
-
-/// Two runs beside each other, what became worse first.
-pub fn compared(comparison: &Comparison) -> Words {
-    let header = [
-        "method",
-        "camera",
-        "corners",
-        "error, times before (95 %)",
-        "p",
-        "failed, more (95 %)",
-        "p",
-        "verdict",
-    ];
-    let order = [Verdict::Worse, Verdict::Better, Verdict::NotToldApart, Verdict::Same];
-    let methods = order.into_iter().flat_map(|verdict| {
-        comparison.methods.iter().filter(move |method| method.verdict == verdict)
-    });
-    let share = |more: Option<Estimate>| {
-        let of_hundred = more.map(|more| more.map(|share| 100.0 * share));
-        of_hundred.map_or_else(|| "-".to_owned(), |_| format!("{} %", between(of_hundred, 1)))
-    };
-    let chance = |p: Option<f64>| p.map_or_else(|| "-".to_owned(), probability);
-    let rows = methods.map(|method| {
-        vec![
-            method.method.clone(),
-            method.camera.clone(),
-            method.corners.to_string(),
-            between(method.error_ratio, 3),
-            chance(method.p_of_error),
-            share(method.failed_more),
-            chance(method.p_of_failed),
-            method.verdict.words().to_owned(),
-        ]
-    });
-    Words { header: header.map(str::to_owned).to_vec(), rows: rows.collect() }
-}
-
 /// A probability, no smaller than what it is known to.
 pub(super) fn probability(p: f64) -> String {
     if p < 0.001 { "< 0.001".to_owned() } else { format!("{p:.3}") }
-}
-
-/// The methods, the least error of refined corners that are clear of occluders first.
-pub(super) fn by_refined_error(summary: &Summary) -> Vec<&MethodSummary> {
-    let mut methods: Vec<&MethodSummary> = summary.methods.iter().collect();
-    let rmse_px = |method: &MethodSummary| {
-        method.refinement.clear.rmse_px.map_or(f64::INFINITY, |estimate| estimate.value)
-    };
-    methods.sort_by(|a, b| rmse_px(a).total_cmp(&rmse_px(b)));
-    methods
 }
 
 /// The methods that detect, the best average precision first.

@@ -3,9 +3,10 @@
 use std::borrow::Cow;
 
 use crate::detect::Detection;
+use crate::external::{Asked, Failure, Reply};
 use crate::grasp::{Face, Grasp, NoFace, NoGrasp};
 use crate::plan::{GraspStages, Pipeline, Seeds};
-use crate::refine::Corner;
+use crate::refine::{Corner, RefineStatus};
 use crate::sensor::{Exposure, RangeImage, Rig};
 use crate::target::{NoTarget, TargetRegion};
 
@@ -19,6 +20,14 @@ pub(super) struct Answers {
     pub corners: Vec<Corner>,
     /// `None` of a pipeline that ends with corners.
     pub grasp: Option<GraspAnswer>,
+    /// What went wrong with another program: then there are no corners, or they are the seeds, or there is no grasp.
+    pub failure: Option<Failure>,
+}
+
+/// What the first stages gave: the target's region, where one is looked for, and the candidates, found or given.
+pub(super) struct Begun<'a> {
+    pub region: Option<Region>,
+    pub seeds: Asked<Cow<'a, [Detection]>>,
 }
 
 /// How far a pipeline came on the way to a grasp.
@@ -27,6 +36,8 @@ pub(super) enum GraspAnswer {
     NoCorner,
     NoFace(NoFace),
     NoRange(Face, NoGrasp),
+    /// Another program failed.
+    Failed(Face, Failure),
     Grasp(Face, Grasp),
 }
 
@@ -39,30 +50,54 @@ impl Answers {
         range: &RangeImage,
         given: &[Detection],
     ) -> Self {
-        let (region, seeds) = seeds(pipeline, exposure, given);
-        let corners = pipeline.refine.algorithm.refine(exposure, &seeds);
+        let Self { region, corners, failure, .. } = Self::of_corners(pipeline, exposure, given);
+        if failure.is_some() {
+            let grasp = pipeline.grasp.as_ref().map(|_| GraspAnswer::NoCorner);
+            return Self { region, corners, grasp, failure };
+        }
         let grasp = grasp(pipeline, exposure, region.as_ref(), &corners, rig, range);
-        Self { region, corners, grasp }
+        let grasp = grasp.map(|reply| reply.answer);
+        let failure = match &grasp {
+            Some(GraspAnswer::Failed(_, failure)) => Some(failure.clone()),
+            _ => None,
+        };
+        Self { region, corners, grasp, failure }
+    }
+
+    /// Runs the pipeline as far as corners.
+    pub fn of_corners(pipeline: &Pipeline, exposure: &Exposure, given: &[Detection]) -> Self {
+        let Begun { region, seeds } = begin(pipeline, exposure, given);
+        let (corners, failure) = match seeds {
+            Err(failure) => (Vec::new(), Some(failure)),
+            Ok(seeds) => match pipeline.refine.refine(exposure, &seeds.answer) {
+                Ok(reply) => (reply.answer, None),
+                Err(failure) => {
+                    let left = |seed: &Detection| Corner::at_seed(*seed, 0, RefineStatus::Failed);
+                    (seeds.answer.iter().map(left).collect(), Some(failure))
+                }
+            },
+        };
+        Self { region, corners, grasp: None, failure }
     }
 }
 
-/// The first stages: the target's region, where one is looked for, and the candidates, found or given.
-pub(super) fn seeds<'a>(
+/// Runs the first stages.
+pub(super) fn begin<'a>(
     pipeline: &Pipeline,
     exposure: &Exposure,
     given: &'a [Detection],
-) -> (Option<Region>, Cow<'a, [Detection]>) {
+) -> Begun<'a> {
     let Seeds::Detected { target, detect } = &pipeline.seeds else {
-        return (None, Cow::Borrowed(given));
+        return Begun { region: None, seeds: Ok(Reply::own(Cow::Borrowed(given))) };
     };
     let region = target.as_ref().map(|target| target.algorithm.extract(exposure));
-    let detect = |region| detect.algorithm.detect(exposure, region);
     let found = match &region {
-        None => detect(None),
-        Some(Ok(region)) => detect(Some(region)),
-        Some(Err(_)) => Vec::new(),
+        None => detect.detect(exposure, None),
+        Some(Ok(region)) => detect.detect(exposure, Some(region)),
+        Some(Err(_)) => Ok(Reply::own(Vec::new())),
     };
-    (region, Cow::Owned(found))
+    let owned = |Reply { answer, protocol_us }| Reply { answer: Cow::Owned(answer), protocol_us };
+    Begun { region, seeds: found.map(owned) }
 }
 
 /// The last stages: from corners to a grasp; `None` of a pipeline that ends with corners.
@@ -73,9 +108,9 @@ pub(super) fn grasp(
     corners: &[Corner],
     rig: &Rig,
     range: &RangeImage,
-) -> Option<GraspAnswer> {
+) -> Option<Reply<GraspAnswer>> {
     match (&pipeline.grasp, region) {
-        (Some(_), Some(Err(reason))) => Some(GraspAnswer::NoTarget(*reason)),
+        (Some(_), Some(Err(reason))) => Some(Reply::own(GraspAnswer::NoTarget(*reason))),
         (Some(stages), Some(Ok(region))) => {
             Some(GraspAnswer::of(stages, exposure, region, corners, rig, range))
         }
@@ -91,23 +126,30 @@ impl GraspAnswer {
         corners: &[Corner],
         rig: &Rig,
         range: &RangeImage,
-    ) -> Self {
+    ) -> Reply<Self> {
         if corners.is_empty() {
-            return Self::NoCorner;
+            return Reply::own(Self::NoCorner);
         }
-        match stages.face.algorithm.select(exposure, region, corners) {
-            Err(reason) => Self::NoFace(reason),
-            Ok(face) => match stages.point.algorithm.estimate(&face, rig, range) {
-                Err(reason) => Self::NoRange(face, reason),
-                Ok(grasp) => Self::Grasp(face, grasp),
-            },
+        let face = match stages.face.algorithm.select(exposure, region, corners) {
+            Err(reason) => return Reply::own(Self::NoFace(reason)),
+            Ok(face) => face,
+        };
+        match stages.point.estimate(&face, rig, range) {
+            Err(failure) => Reply::own(Self::Failed(face, failure)),
+            Ok(Reply { answer, protocol_us }) => {
+                let answer = match answer {
+                    Err(reason) => Self::NoRange(face, reason),
+                    Ok(grasp) => Self::Grasp(face, grasp),
+                };
+                Reply { answer, protocol_us }
+            }
         }
     }
 
     /// The face that was chosen.
     pub fn face(&self) -> Option<&Face> {
         match self {
-            Self::NoRange(face, _) | Self::Grasp(face, _) => Some(face),
+            Self::NoRange(face, _) | Self::Grasp(face, _) | Self::Failed(face, _) => Some(face),
             _ => None,
         }
     }

@@ -10,7 +10,8 @@ use std::f64::consts::TAU;
 use rayon::prelude::*;
 
 use super::DRAWN;
-use super::score::{false_corner, known_corner, of_pipeline};
+use super::answers::Answers;
+use super::score::{failure_record, false_corner, known_corner, of_pipeline, with_reason};
 use shape::{SIZE, Shape, ShapeBuffers};
 
 use crate::bound::junction_bound;
@@ -219,15 +220,16 @@ impl Frame {
         [right, down]: [f64; 2],
         gate_px: f64,
     ) -> Vec<Record> {
-        let seeds = match &pipeline.seeds {
+        let given = match &pipeline.seeds {
             Seeds::Disc { radius_px } => {
                 let ImagePoint { x, y } = self.vertex;
                 let point = ImagePoint::new(x + radius_px * right, y + radius_px * down);
                 vec![Detection::new(point, 1.0)]
             }
-            Seeds::Detected { detect, .. } => detect.algorithm.detect(exposure, None),
+            Seeds::Detected { .. } => Vec::new(),
         };
-        let mut corners = pipeline.refine.algorithm.refine(exposure, &seeds);
+        let Answers { mut corners, failure, .. } = Answers::of_corners(pipeline, exposure, &given);
+        let template = &with_reason(template, failure.as_ref());
         let far_px = |corner: &Corner| corner.seed.point.distance_px(self.vertex);
         let is_near =
             |corner: &Corner| template.track == track::REFINEMENT || far_px(corner) <= gate_px;
@@ -240,6 +242,7 @@ impl Frame {
             let place = self.place(corner.seed.point, gate_px);
             false_corner(template, corner, place, Some(far_px(corner)))
         }));
+        records.extend(failure.as_ref().map(|failure| failure_record(template, failure)));
         records
     }
 

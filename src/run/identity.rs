@@ -4,7 +4,7 @@ use serde_json::json;
 
 use super::{DRAWN, Images, Run, Source, Unit};
 use crate::plan::{Cell, Pipeline};
-use crate::record::RunDescription;
+use crate::record::{FailureCount, RunDescription};
 use crate::scene::sha256_hex;
 use crate::sensor::Photographer;
 
@@ -14,6 +14,7 @@ impl Run<'_> {
         identity: &str,
         command: &str,
         unreadable: Vec<String>,
+        failures: Vec<FailureCount>,
     ) -> RunDescription {
         let (shots, corner_rule) = (self.shots(), self.plan.corner_rule);
         RunDescription {
@@ -41,6 +42,8 @@ impl Run<'_> {
             command: command.to_owned(),
             machine: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
             renderers: self.renderers(),
+            programs: self.plan.programs().iter().map(|program| program.description()).collect(),
+            failures,
             pictures: match self.source {
                 Source::Album(album) => Some(album.description()),
                 _ => None,
@@ -48,7 +51,7 @@ impl Run<'_> {
         }
     }
 
-    fn suite(&self) -> &str {
+    pub(super) fn suite(&self) -> &str {
         match self.source {
             Source::Dataset(dataset) => dataset.suite(),
             Source::Album(album) => album.suite(),

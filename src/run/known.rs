@@ -60,7 +60,7 @@ pub fn known_answers(dataset: &Dataset, camera: Photographer) -> Result<Vec<Reco
                 ("seeds".to_owned(), of("disc_px", 0.0.into()).into()),
                 ("refine".to_owned(), of("algorithm", "none".into()).into()),
             ]);
-            Pipeline::build("known answers", &table)
+            Pipeline::build("known answers", &table, &[])
         })
         .collect::<Result<Vec<_>>>()?;
     let plan = Plan {
@@ -94,7 +94,12 @@ pub fn known_answers(dataset: &Dataset, camera: Photographer) -> Result<Vec<Reco
                 for draw in 0..draws {
                     let corners =
                         shown.asked.iter().map(|corner| known.answer(corner, shown, draw));
-                    let answers = Answers { region: None, corners: corners.collect(), grasp: None };
+                    let answers = Answers {
+                        region: None,
+                        corners: corners.collect(),
+                        grasp: None,
+                        failure: None,
+                    };
                     let template = station.template(pipeline, draw, shown.blur_px);
                     let template = Record { scene: format!("{name} {draw}"), ..template };
                     records.extend(shown.scorer.records(&template, pipeline, &answers));

@@ -3,10 +3,10 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use super::{Outcome, Shard};
+use super::{Outcome, Shard, failures};
 use crate::error::{Error, Result};
 use crate::files::{write_json, write_whole};
-use crate::record::{RunDescription, TIMING_FILE, join_records, read_run};
+use crate::record::{RecordFile, RunDescription, TIMING_FILE, join_records, read_run};
 
 /// Merges the shards of a run, all of them, into the run that one machine would have made: the same records,
 /// byte for byte.
@@ -74,7 +74,14 @@ pub fn merge(shards: &[PathBuf], output: &Path, command: &str) -> Result<Outcome
         folders.iter().map(|folder| folder.join("records.parquet")).collect();
     let groups = (0..first.scenes.len())
         .map(|scene| (records[scene % records.len()].as_path(), scene / records.len()));
-    write_whole(&output.join("records.parquet"), |path| join_records(path, groups))?;
+    // Behind its scenes a shard may have rows of what went wrong when all of them were measured.
+    let of_scenes = |shard: usize| (first.scenes.len() + records.len() - 1 - shard) / records.len();
+    let mut at_end = Vec::new();
+    for (shard, path) in records.iter().enumerate() {
+        let groups = RecordFile::open(path)?.groups();
+        at_end.extend((of_scenes(shard)..groups).map(|group| (path.as_path(), group)));
+    }
+    write_whole(&output.join("records.parquet"), |path| join_records(path, groups.chain(at_end)))?;
     for folder in &folders {
         copy_pictures(&folder.join("scenes"), &output.join("scenes"))?;
     }
@@ -90,13 +97,15 @@ pub fn merge(shards: &[PathBuf], output: &Path, command: &str) -> Result<Outcome
     let is_unreadable =
         |scene: &&String| runs.iter().any(|(_, run)| run.unreadable.contains(scene));
     let unreadable: Vec<String> = first.scenes.iter().filter(is_unreadable).cloned().collect();
+    let failures = failures::sum(runs.iter().flat_map(|(_, run)| run.failures.clone()));
     let outcome = Outcome {
         scenes: first.scenes.len() - unreadable.len(),
         unreadable: unreadable.len(),
         resumed: 0,
+        failed: failures::total(&failures),
     };
-    let merged =
-        RunDescription { shard: None, command: command.to_owned(), unreadable, ..first.clone() };
+    let command = command.to_owned();
+    let merged = RunDescription { shard: None, command, unreadable, failures, ..first.clone() };
     write_json(&output.join("run.json"), &merged)?;
     Ok(outcome)
 }

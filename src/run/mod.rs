@@ -7,6 +7,7 @@
 
 mod answers;
 mod drawn;
+mod failures;
 mod identity;
 mod known;
 mod merge;
@@ -26,7 +27,7 @@ use rayon::prelude::*;
 use crate::error::{Error, Result};
 use crate::files::{write_json, write_whole};
 use crate::plan::{Cell, Pipeline, Plan, Seeds, Shots};
-use crate::record::{Record, join_records, kind, read_records, write_records};
+use crate::record::{FailureCount, Record, join_records, kind, read_records, write_records};
 use crate::scene::{Dataset, Split};
 use crate::sensor::Photographer;
 
@@ -84,6 +85,8 @@ pub struct Outcome {
     pub unreadable: usize,
     /// Scenes that an earlier run, which did not end, had measured already.
     pub resumed: usize,
+    /// Exposures to which a pipeline's program gave no answer, of all pipelines.
+    pub failed: usize,
 }
 
 /// What became of a scene.
@@ -92,6 +95,7 @@ struct Done {
     was_there: bool,
     /// Whether something of it could not be read or photographed.
     is_unreadable: bool,
+    failures: Vec<FailureCount>,
 }
 
 /// What records call the suite of drawn junctions.
@@ -294,7 +298,15 @@ impl<'a> Run<'a> {
             own.par_iter().map(one).collect()
         };
         let done = done?;
-        let paths: Vec<PathBuf> = own.iter().map(|unit| parts.path(&unit.name)).collect();
+        let mut paths: Vec<PathBuf> = own.iter().map(|unit| parts.path(&unit.name)).collect();
+        let at_end = failures::end_programs(self.plan, self.suite());
+        let of_scenes = done.iter().flat_map(|done| done.failures.clone());
+        let failures = failures::sum(of_scenes.chain(failures::count(&at_end)));
+        if !at_end.is_empty() {
+            let path = parts.end_path();
+            write_whole(&path, |path| write_records(path, &at_end))?;
+            paths.push(path);
+        }
         write_whole(&output.join("records.parquet"), |path| {
             join_records(path, paths.iter().map(|path| (path.as_path(), 0)))
         })?;
@@ -305,8 +317,9 @@ impl<'a> Run<'a> {
             scenes: own.len() - unreadable.len(),
             unreadable: unreadable.len(),
             resumed: done.iter().filter(|done| done.was_there).count(),
+            failed: failures::total(&failures),
         };
-        let description = self.description(&identity, command, unreadable);
+        let description = self.description(&identity, command, unreadable, failures);
         write_json(&output.join("run.json"), &description)?;
         parts.close()?;
         Ok(outcome)
@@ -351,12 +364,13 @@ impl<'a> Run<'a> {
 
     /// Measures a scene, a picture or a cell, unless its part is there.
     fn measure_one(&self, unit: &Unit, part: &Path, output: &Path) -> Result<Done> {
-        let has_scene_row = |records: &[Record]| records.iter().any(|r| r.kind == kind::SCENE);
+        let done = |was_there: bool, records: &[Record]| Done {
+            was_there,
+            is_unreadable: records.iter().any(|record| record.kind == kind::SCENE),
+            failures: failures::count(records),
+        };
         if part.is_file() {
-            return Ok(Done {
-                was_there: true,
-                is_unreadable: has_scene_row(&read_records(part)?),
-            });
+            return Ok(done(true, &read_records(part)?));
         }
         let records = match unit.images {
             Images::Scene(dataset) => {
@@ -373,6 +387,6 @@ impl<'a> Run<'a> {
             Images::Drawn(cell, camera) => Booth::new(self.plan, cell, camera).rows(),
         };
         write_whole(part, |path| write_records(path, &records))?;
-        Ok(Done { was_there: false, is_unreadable: has_scene_row(&records) })
+        Ok(done(false, &records))
     }
 }

@@ -8,11 +8,12 @@ use std::path::{Path, PathBuf};
 use rayon::prelude::*;
 use serde_json::{Value, json};
 
-use super::answers::seeds;
+use super::answers::Answers;
 use super::pictures::write_exposure;
 use super::scene::seeds_in_disc;
 use super::score::{
-    false_corner, known_corner, of_pipeline, unreadable, with_answer, without_target,
+    failure_record, false_corner, known_corner, of_pipeline, unreadable, with_answer, with_reason,
+    without_target,
 };
 use crate::error::{Error, Result};
 use crate::geometry::{ImagePoint, Origin};
@@ -198,11 +199,12 @@ impl<'a> Album<'a> {
             }
             Seeds::Detected { .. } => Vec::new(),
         };
-        let (region, seeds) = seeds(pipeline, exposure, &given);
-        let corners = pipeline.refine.algorithm.refine(exposure, &seeds);
-        let template = self.template(pipeline, picture);
+        let Answers { region, corners, failure, .. } =
+            Answers::of_corners(pipeline, exposure, &given);
+        let template = with_reason(&self.template(pipeline, picture), failure.as_ref());
+        let failed = failure.as_ref().map(|failure| failure_record(&template, failure));
         if known.is_empty() {
-            return of_unknown(&template, &corners);
+            return of_unknown(&template, &corners).into_iter().chain(failed).collect();
         }
         let gate_px = plan.corner_rule.gate_px;
         let (own, found_at) = match pipeline.seeds {
@@ -219,7 +221,8 @@ impl<'a> Album<'a> {
         for (index, (truth, own)) in known.iter().zip(own).enumerate() {
             own.iter().for_each(|own| is_taken[*own] = true);
             let record = known_corner(&template, index, *truth, own.map(|own| &corners[own]));
-            let reason = no_target.clone().filter(|_| own.is_none());
+            let reason =
+                no_target.clone().filter(|_| own.is_none()).or_else(|| record.reason.clone());
             records.push(Record { found_at_response: found_at[index], reason, ..record });
         }
         let others = corners.iter().zip(&is_taken).filter(|(_, is_taken)| !**is_taken);
@@ -230,6 +233,7 @@ impl<'a> Album<'a> {
             let cause = if is_near { "duplicate" } else { "background" };
             false_corner(&template, corner, cause, nearest_px)
         }));
+        records.extend(failed);
         records
     }
 

@@ -73,6 +73,11 @@ impl Parts {
         Ok(Self { output: output.to_owned() })
     }
 
+    /// The file of what went wrong when all scenes were measured. No scene's name has a dot at its beginning.
+    pub fn end_path(&self) -> PathBuf {
+        self.output.join(FOLDER).join(".end.parquet")
+    }
+
     /// The file of a scene's rows.
     pub fn path(&self, scene: &str) -> PathBuf {
         self.output.join(FOLDER).join(format!("{scene}.parquet"))

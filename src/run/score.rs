@@ -3,6 +3,7 @@
 use super::answers::{Answers, GraspAnswer, Region};
 use crate::bound::CornerBounds;
 use crate::error::Error;
+use crate::external::Failure;
 use crate::geometry::ImagePoint;
 use crate::metrics::{
     CornerRule, CornerScore, Fate, OtherScore, Seen, covered_face, grasp_error, score_corners,
@@ -32,6 +33,7 @@ impl Scorer<'_> {
         answers: &Answers,
     ) -> Vec<Record> {
         let truth = self.seen.truth;
+        let template = &with_reason(template, answers.failure.as_ref());
         let scores = match pipeline.seeds {
             Seeds::Detected { .. } => score_corners(&self.seen, &answers.corners, self.rule),
             Seeds::Disc { .. } => score_seeded(&self.seen, &answers.corners, self.rule),
@@ -41,7 +43,7 @@ impl Scorer<'_> {
         for (corner, score) in truth.corners.iter().zip(&scores.corners) {
             let answer = score.answer.map(|index| &answers.corners[index]);
             let mut record = self.corner_record(template, corner, score, answer);
-            if score.fate == Fate::Missed {
+            if score.fate == Fate::Missed && record.reason.is_none() {
                 record.reason.clone_from(&no_target);
             }
             records.push(record);
@@ -53,6 +55,7 @@ impl Scorer<'_> {
         let grasp = answers.grasp.as_ref();
         let count = answers.corners.len();
         records.extend(grasp.map(|grasp| grasp_record(template, truth, grasp, count, self.rig)));
+        records.extend(answers.failure.as_ref().map(|failure| failure_record(template, failure)));
         records
     }
 
@@ -129,6 +132,21 @@ pub(super) fn of_pipeline(pipeline: &Pipeline) -> Record {
         face_selector: pipeline.grasp.as_ref().map(|grasp| grasp.face.label()),
         grasp_estimator: pipeline.grasp.as_ref().map(|grasp| grasp.point.label()),
         ..Record::default()
+    }
+}
+
+/// The same with the reason of a failure: all rows of a photograph to which a program gave no answer say why.
+pub(super) fn with_reason(template: &Record, failure: Option<&Failure>) -> Record {
+    Record { reason: failure.map(|failure| failure.reason.clone()), ..template.clone() }
+}
+
+/// The row of an exposure to which another program gave no answer.
+pub(super) fn failure_record(template: &Record, failure: &Failure) -> Record {
+    Record {
+        kind: kind::FAILURE.to_owned(),
+        status: failure.kind.name().to_owned(),
+        reason: Some(failure.reason.clone()),
+        ..template.clone()
     }
 }
 
@@ -247,6 +265,7 @@ fn grasp_record(
         GraspAnswer::NoCorner => (status::NO_CORNER, None),
         GraspAnswer::NoFace(reason) => (status::NO_FACE, Some(reason.name())),
         GraspAnswer::NoRange(_, reason) => (status::NO_RANGE, Some(reason.name())),
+        GraspAnswer::Failed(..) => (status::FAILED, None),
         GraspAnswer::Grasp(..) => (status::OK, None),
     };
     let index = |face: &TrueFace| i32::try_from(face.index).ok();
@@ -254,7 +273,7 @@ fn grasp_record(
     let mut record = Record {
         kind: kind::GRASP.to_owned(),
         status: status.to_owned(),
-        reason: reason.map(str::to_owned),
+        reason: reason.map(str::to_owned).or_else(|| template.reason.clone()),
         answers: i32::try_from(answers).ok(),
         least_occluded_face: best.and_then(index),
         ..template.clone()

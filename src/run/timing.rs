@@ -1,18 +1,20 @@
 //! What pipelines take: after all is measured, on one thread, in turns.
 
+use std::ops::AddAssign;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
 use rayon::prelude::*;
 
-use super::answers::{grasp, seeds};
+use super::answers::{Begun, GraspAnswer, begin, grasp};
 use super::scene::{Station, points, range_image, seeds_in_disc};
 use super::{Run, Source};
 use crate::detect::Detection;
 use crate::error::{Error, Result};
+use crate::external::{Failure, Program, Reply};
 use crate::files::write_json;
 use crate::plan::{Pipeline, Seeds, Shots};
-use crate::record::{MethodTime, Spread, TIMING_FILE, Timing};
+use crate::record::{MethodTime, ProgramTime, Spread, TIMING_FILE, Timing};
 use crate::scene::Dataset;
 use crate::sensor::{Exposure, PhotographBuffers, Photographer, RangeImage, Rig};
 use crate::stats::quantile;
@@ -33,8 +35,21 @@ struct Photograph {
     given: Vec<Vec<Detection>>,
 }
 
-/// What a pipeline took on one photograph, or on several: find, refine, grasp \[us\].
-type Stages = [f64; 3];
+/// What a pipeline took on one photograph, or on several \[us\].
+#[derive(Clone, Copy, Debug, Default)]
+struct Took {
+    /// Find, refine, grasp: another program's by its own clock, where it says.
+    stages: [f64; 3],
+    /// What asking such a program took beside that.
+    protocol: [f64; 3],
+}
+
+impl AddAssign for Took {
+    fn add_assign(&mut self, more: Self) {
+        self.stages.iter_mut().zip(more.stages).for_each(|(sum, more)| *sum += more);
+        self.protocol.iter_mut().zip(more.protocol).for_each(|(sum, more)| *sum += more);
+    }
+}
 
 impl Run<'_> {
     /// Times every pipeline on photographs of some of the scenes, evenly chosen, and writes `output`/timing.json. All
@@ -69,7 +84,12 @@ impl Run<'_> {
             rounds,
             scenes: scenes.iter().map(|&scene| scene.to_owned()).collect(),
             methods,
+            programs: self.plan.programs().into_iter().map(|program| ran(program)).collect(),
         };
+        for program in self.plan.programs() {
+            // How it ends was seen when all was measured.
+            let _ = program.end();
+        }
         write_json(&output.join(TIMING_FILE), &timing)
     }
 
@@ -103,20 +123,30 @@ impl Run<'_> {
         let pipelines = &self.plan.pipelines;
         // Of each camera and pipeline: corners of one round, and the stages of each.
         let mut corners = vec![vec![0; pipelines.len()]; cameras.len()];
-        let mut times: Vec<Vec<Vec<Stages>>> =
-            vec![vec![Vec::new(); pipelines.len()]; cameras.len()];
+        let mut times: Vec<Vec<Vec<Took>>> = vec![vec![Vec::new(); pipelines.len()]; cameras.len()];
+        // No time is that of an answer that was none.
+        let mut has_failed = vec![vec![false; pipelines.len()]; cameras.len()];
         let mut round = |turn: usize| {
-            for ((photographs, corners), times) in cameras.iter().zip(&mut corners).zip(&mut times)
-            {
+            let of_each = cameras.iter().zip(&mut corners).zip(&mut times).zip(&mut has_failed);
+            for (((photographs, corners), times), has_failed) in of_each {
                 corners.fill(0);
-                times.iter_mut().for_each(|rounds| rounds.push(Stages::default()));
+                times.iter_mut().for_each(|rounds| rounds.push(Took::default()));
                 for (place, photograph) in photographs.iter().enumerate() {
                     for index in 0..pipelines.len() {
                         let index = (index + turn + place) % pipelines.len();
-                        let (took, count) = photograph.time(&pipelines[index], index);
+                        if has_failed[index] {
+                            continue;
+                        }
+                        let Ok((took, count)) = photograph.time(&pipelines[index], index) else {
+                            has_failed[index] = true;
+                            continue;
+                        };
                         corners[index] += count;
-                        let sums = times[index].iter_mut().next_back().into_iter().flatten();
-                        sums.zip(took).for_each(|(sum, took_us)| *sum += took_us);
+                        times[index]
+                            .iter_mut()
+                            .next_back()
+                            .into_iter()
+                            .for_each(|sum| *sum += took);
                     }
                 }
             }
@@ -129,26 +159,33 @@ impl Run<'_> {
             round(rounds);
         }
         let mut methods = Vec::new();
-        for (((camera, photographs), corners), times) in
-            self.plan.cameras.iter().zip(cameras).zip(&corners).zip(&times)
+        for ((((camera, photographs), corners), times), has_failed) in
+            self.plan.cameras.iter().zip(cameras).zip(&corners).zip(&times).zip(&has_failed)
         {
             if photographs.is_empty() {
                 continue;
             }
             let count = photographs.len() as f64;
-            for ((pipeline, corners), times) in pipelines.iter().zip(corners).zip(times) {
-                let spread = |of: &dyn Fn(&Stages) -> f64| {
-                    spread(&times[1..].iter().map(|stages| of(stages) / count).collect::<Vec<_>>())
+            let of_each = pipelines.iter().zip(corners).zip(times).zip(has_failed);
+            for ((pipeline, corners), times) in
+                of_each.filter(|(_, has_failed)| !**has_failed).map(|(one, _)| one)
+            {
+                let spread = |of: &dyn Fn(&Took) -> f64| {
+                    spread(&times[1..].iter().map(|took| of(took) / count).collect::<Vec<_>>())
                 };
                 methods.push(MethodTime {
                     camera: camera.name().to_owned(),
                     method: pipeline.name.clone(),
                     photographs: photographs.len(),
                     corners: *corners as f64 / count,
-                    detect_us: spread(&|stages| stages[0]),
-                    refine_us: spread(&|stages| stages[1]),
-                    grasp_us: spread(&|stages| stages[2]),
-                    whole_us: spread(&|stages| stages.iter().sum()),
+                    detect_us: spread(&|took| took.stages[0]),
+                    refine_us: spread(&|took| took.stages[1]),
+                    grasp_us: spread(&|took| took.stages[2]),
+                    whole_us: spread(&|took| took.stages.iter().sum()),
+                    protocol_us: pipeline
+                        .programs()
+                        .next()
+                        .map(|_| [0, 1, 2].map(|stage| spread(&|took| took.protocol[stage]))),
                 });
             }
         }
@@ -158,17 +195,50 @@ impl Run<'_> {
 
 impl Photograph {
     /// What a pipeline takes, and how many corners it refines.
-    fn time(&self, pipeline: &Pipeline, index: usize) -> (Stages, usize) {
+    fn time(
+        &self,
+        pipeline: &Pipeline,
+        index: usize,
+    ) -> std::result::Result<(Took, usize), Failure> {
         let Self { exposure, rig, range, given } = self;
         let begun = Instant::now();
-        let (region, found) = seeds(pipeline, exposure, &given[index]);
+        let Begun { region, seeds } = begin(pipeline, exposure, &given[index]);
+        let seeds = seeds?;
         let detected = Instant::now();
-        let corners = pipeline.refine.algorithm.refine(exposure, &found);
+        let corners = pipeline.refine.refine(exposure, &seeds.answer)?;
         let refined = Instant::now();
-        // Only the time counts.
-        let _ = grasp(pipeline, exposure, region.as_ref(), &corners, rig, range);
-        let times = [detected - begun, refined - detected, refined.elapsed()];
-        (times.map(|time| 1e6 * time.as_secs_f64()), corners.len())
+        let grasp = grasp(pipeline, exposure, region.as_ref(), &corners.answer, rig, range);
+        let ended = Instant::now();
+        let count = corners.answer.len();
+        let protocol = [seeds.protocol_us, corners.protocol_us, grasp.map_or(Ok(0.0), of_grasp)?];
+        let passed = [detected - begun, refined - detected, ended - refined];
+        let own = |stage: usize| 1e6 * passed[stage].as_secs_f64() - protocol[stage];
+        Ok((Took { stages: [0, 1, 2].map(own), protocol }, count))
+    }
+}
+
+fn of_grasp(reply: Reply<GraspAnswer>) -> std::result::Result<f64, Failure> {
+    match reply.answer {
+        GraspAnswer::Failed(_, failure) => Err(failure),
+        _ => Ok(reply.protocol_us),
+    }
+}
+
+/// How a program ran that was timed.
+fn ran(program: &Program) -> ProgramTime {
+    let status = program.process_id().and_then(|id| {
+        // Elsewhere than on Linux nobody tells.
+        std::fs::read_to_string(format!("/proc/{id}/status")).ok()
+    });
+    let value = |key: &str| {
+        let mut lines = status.as_deref()?.lines();
+        lines.find_map(|line| line.strip_prefix(key)).map(|value| value.trim().to_owned())
+    };
+    ProgramTime {
+        name: program.name().to_owned(),
+        version: program.version(),
+        threads: value("Threads:").and_then(|count| count.parse().ok()),
+        processors: value("Cpus_allowed_list:"),
     }
 }
 

@@ -45,6 +45,7 @@ pub struct Exposure {
     saturated: Plane<bool>,
     noise: Option<NoiseModel>,
     camera: Option<Camera>,
+    object_size_m: Option<[f64; 3]>,
     /// Where the first pixel lies in the mosaic that the colours are made of.
     mosaic: Option<[usize; 2]>,
     luma: OnceLock<Plane<f32>>,
@@ -107,6 +108,7 @@ impl Exposure {
             saturated,
             noise,
             camera: None,
+            object_size_m: None,
             mosaic: None,
             luma: OnceLock::new(),
             red_difference: OnceLock::new(),
@@ -228,6 +230,12 @@ impl Exposure {
         Self { camera: Some(camera), ..self }
     }
 
+    /// It, of a target whose size is known.
+    #[must_use]
+    pub fn with_object_size(self, size_m: [f64; 3]) -> Self {
+        Self { object_size_m: Some(size_m), ..self }
+    }
+
     /// It, of colours that are made of a mosaic, red, green / green, blue, of whose pattern the first pixel is
     /// this one; what each pixel's own filter let through is kept.
     #[must_use]
@@ -249,6 +257,16 @@ impl Exposure {
     /// The intrinsics of its camera, as a calibration knows them; `None` where nothing does.
     pub fn camera(&self) -> Option<&Camera> {
         self.camera.as_ref()
+    }
+
+    /// Where the first pixel lies in the mosaic that the colours are made of; `None` where they are not.
+    pub fn mosaic(&self) -> Option<[usize; 2]> {
+        self.mosaic
+    }
+
+    /// Lengths of the target's edges as a data sheet has them \[m\]; `None` where nobody knows them.
+    pub fn object_size_m(&self) -> Option<[f64; 3]> {
+        self.object_size_m
     }
 
     /// The planes that differ: one where all three are equal, else red, green and blue.

@@ -14,14 +14,16 @@ const LAYERS: &[&[&str]] = &[
     &["scene"],
     &["sensor"],
     &["target", "detect", "refine", "grasp"],
+    &["external"],
     &["bound", "matching", "metrics", "convention", "export", "picture"],
     &["plan", "run", "record"],
     &["report"],
     &["cli"],
 ];
 
-/// Stages may use `sensor` and the stages before them, nothing of `scene`: truth is there.
-const STAGES: &[&str] = &["target", "detect", "refine", "grasp"];
+/// Stages may use `sensor` and the stages before them, nothing of `scene`: truth is there. Other programs are asked by what
+/// stages are asked by.
+const STAGES: &[&str] = &["target", "detect", "refine", "grasp", "external"];
 
 fn layer(module: &str) -> usize {
     LAYERS

@@ -20,6 +20,7 @@ mod oracle;
 mod own;
 mod own_runs;
 mod peaks;
+mod programs;
 mod python;
 mod range_sensors;
 mod recommend;

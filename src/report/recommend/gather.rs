@@ -87,7 +87,7 @@ impl Heading {
 impl Tally {
     /// Adds a record.
     pub fn add(&mut self, record: &Record) {
-        if record.kind == kind::SCENE {
+        if [kind::SCENE, kind::FAILURE].contains(&record.kind.as_str()) {
             return;
         }
         let heading = Heading::of(record);

@@ -1,0 +1,297 @@
+"""An algorithm in Python takes part in cornerbench's measurements.
+
+::
+
+    from cornerbench import serve
+
+    def refine(exposure, seeds):
+        return better(exposure.image, seeds)
+
+    serve(refine=refine, version="1.0")
+
+and ``cornerbench measure PLAN --with FILE.py``. What is said line by line is described in
+``scripts/PROTOCOL.md``; this module needs numpy alone.
+"""
+
+import json
+import math
+import mmap
+import os
+import platform
+import sys
+import time
+import traceback
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+__all__ = ["PROTOCOL", "Corners", "Exposure", "GraspQuestion", "serve"]
+
+PROTOCOL = 1
+"""Version of what is said."""
+
+_ENCODER = json.JSONEncoder(allow_nan=False, separators=(",", ":"))
+_TYPES = {"uint8": np.dtype("u1"), "uint16": np.dtype("u2"), "float32": np.dtype("f4")}
+
+
+@dataclass
+class Exposure:
+    """A photograph, and what a user would know of it."""
+
+    image: np.ndarray
+    """Rows x columns, or rows x columns x 3 of red, green, blue; valid until the function returns."""
+    bit_depth: int
+    """Bits of a sample of the camera's: one digital number (DN) is full scale / (2^bit_depth - 1)."""
+    curve: Any
+    """From light to samples: "linear", "srgb", {"power": {"gamma"}} or {"log": {"gain"}}."""
+    black_dn: float
+    """The sample without light [DN]."""
+    mosaic: tuple[int, int] | None = None
+    """Where the first pixel lies in a mosaic red, green / green, blue that colours were made of."""
+    noise: dict | None = None
+    """The sensor's data sheet, and light of full scale per raw digital number of each channel."""
+    camera: dict | None = None
+    """Intrinsics, where ``needs`` says intrinsics: fx_px, fy_px, cx_px, cy_px, distortion."""
+    object_size_m: list | None = None
+    """The target's edge lengths, where ``needs`` says object_size."""
+    region: tuple[int, int, int, int] | None = None
+    """Where to find corners: first column, first row, and those behind the last; None: everywhere."""
+
+
+@dataclass
+class GraspQuestion:
+    """A face of the target, and what the range sensor saw."""
+
+    face: np.ndarray
+    """Its four corners in the image [px], clockwise as seen."""
+    camera: dict
+    """The colour camera's intrinsics."""
+    world_from_camera: np.ndarray
+    """3 x 4: rotation and place [m]."""
+    range_points_m: np.ndarray
+    """Rows x columns x 3: the point of each cell in the range sensor's frame; NaN where it saw none."""
+    range_camera: dict
+    """The range sensor's intrinsics."""
+    world_from_range: np.ndarray
+    """3 x 4: rotation and place [m]."""
+
+
+@dataclass
+class Corners:
+    """Refined corners, with more than their places."""
+
+    points: Any
+    """x, y of each seed [px]; None of one that is declined."""
+    statuses: list | None = None
+    """"ok", "max_iterations", "reverted", "diverged", "singular", "out_of_bounds", "not_applicable",
+    "false_corner"."""
+    covariances_px2: Any = None
+    """2 x 2 of each, or None."""
+    iterations: list | None = None
+    """Of each."""
+
+
+@dataclass
+class _Pictures:
+    """The file in which samples are, mapped once."""
+
+    path: str = ""
+    mapped: mmap.mmap | None = None
+
+    def array(self, image: dict) -> np.ndarray:
+        """The samples, not copied."""
+        dtype = _TYPES[image["type"]]
+        count = image["height"] * image["width"] * image["channels"]
+        if (
+            self.mapped is None
+            or self.path != image["file"]
+            or len(self.mapped) < count * dtype.itemsize
+        ):
+            with open(image["file"], "rb") as file:
+                self.mapped = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+            self.path = image["file"]
+        samples = np.frombuffer(self.mapped, dtype, count)
+        shape = (image["height"], image["width"], image["channels"])
+        return samples.reshape(shape if image["channels"] > 1 else shape[:2])
+
+
+def serve(*, version, detect=None, refine=None, grasp=None, needs=None, libraries=None):
+    """Answer questions until there are no more.
+
+    Whatever is printed meanwhile goes to standard error. Functions are timed by themselves; one
+    that raises an exception has failed on this exposure, and is asked about the next one.
+
+    Parameters
+    ----------
+    version
+        What the algorithm is, in every row: change it when its answers change.
+    detect
+        ``detect(exposure, **parameters)`` returns points, x and y of each, strongest first; or
+        points and responses.
+    refine
+        ``refine(exposure, seeds, **parameters)`` returns a point for each seed, x and y, in their
+        order, or ``Corners``. Seeds are an array of n x 2, float64.
+    grasp
+        ``grasp(question, **parameters)`` of a ``GraspQuestion`` returns the image point that was
+        looked up and the grasp point in the camera frame [m], or None.
+    needs
+        What the image is: {"channels": "grey" | "rgb", "encoding": "encoded" | "linear", "type":
+        "uint8" | "uint16" | "float32", "intrinsics": False, "object_size": False}.
+    libraries
+        Their versions by name, of all that the answers depend on; Python's and numpy's are added.
+    """
+    functions = {"detect": detect, "refine": refine, "grasp": grasp}
+    functions = {task: function for task, function in functions.items() if function is not None}
+    if not functions:
+        raise TypeError("serve needs detect=, refine= or grasp=")
+    if sys.stdin is not None and sys.stdin.isatty():
+        sys.exit(f"to measure this: cornerbench measure PLAN --with {sys.argv[0]}")
+    # The protocol's own; what libraries print to standard output is none of it.
+    questions = os.fdopen(os.dup(0), "rb")
+    answers = os.fdopen(os.dup(1), "wb")
+    with open(os.devnull) as nothing:
+        os.dup2(nothing.fileno(), 0)
+    sys.stdout.flush()
+    os.dup2(2, 1)
+
+    def say(answer):
+        answers.write(_ENCODER.encode(answer).encode() + b"\n")
+        answers.flush()
+
+    greeting = json.loads(questions.readline() or b"{}")
+    ready = {
+        "protocol": PROTOCOL,
+        "version": str(version),
+        "libraries": {
+            **(libraries or {}),
+            "numpy": np.__version__,
+            "python": platform.python_version(),
+        },
+        "does": list(functions),
+    }
+    if needs is not None:
+        ready["needs"] = needs
+    say(ready)
+    parameters = greeting.get("parameters", {})
+    pictures = _Pictures()
+    for line in questions:
+        question = json.loads(line)
+        try:
+            say({"id": question["id"], **_answer(functions, question, pictures, parameters)})
+        except Exception as error:
+            traceback.print_exc()
+            said = "".join(traceback.format_exception_only(error)).strip()
+            say({"id": question["id"], "error": f"{said} {_place(error)}".strip()})
+
+
+def _place(error):
+    """Where in somebody else's code an exception was raised."""
+    frames = traceback.extract_tb(error.__traceback__)
+    own = [frame for frame in frames if frame.filename != __file__]
+    return f"({os.path.basename(own[-1].filename)}:{own[-1].lineno})" if own else ""
+
+
+def _answer(functions, question, pictures, parameters):
+    task = question["task"]
+    if task not in functions:
+        raise ValueError(f"does not {task}")
+    function = functions[task]
+    if task == "grasp":
+        arguments = [_grasp_question(question)]
+    else:
+        arguments = [_exposure(question, pictures)]
+    if task == "refine":
+        arguments.append(np.array(question["seeds"], np.float64).reshape(-1, 2))
+    begun = time.perf_counter_ns()
+    answer = function(*arguments, **parameters)
+    took_us = 1e-3 * (time.perf_counter_ns() - begun)
+    shape = {"detect": _detected, "refine": _refined, "grasp": _grasped}[task]
+    return {"took_us": took_us, **shape(answer)}
+
+
+def _exposure(question, pictures):
+    image = question["image"]
+    mosaic, region = image.get("mosaic"), question.get("region")
+    return Exposure(
+        image=pictures.array(image),
+        bit_depth=image["bit_depth"],
+        curve=image["curve"],
+        black_dn=image["black_dn"],
+        mosaic=tuple(mosaic) if mosaic else None,
+        noise=image.get("noise"),
+        camera=question.get("camera"),
+        object_size_m=question.get("object_size_m"),
+        region=tuple(region) if region else None,
+    )
+
+
+def _grasp_question(question):
+    ranges = question["range"]
+    cells = [[np.nan] * 3 if point is None else point for point in ranges["points_m"]]
+    size = (ranges["camera"]["height"], ranges["camera"]["width"], 3)
+    return GraspQuestion(
+        face=np.array(question["face"], np.float64),
+        camera=question["camera"],
+        world_from_camera=np.array(question["world_from_camera"], np.float64),
+        range_points_m=np.array(cells, np.float64).reshape(size),
+        range_camera=ranges["camera"],
+        world_from_range=np.array(ranges["world_from_range"], np.float64),
+    )
+
+
+def _points(points):
+    """Pairs of finite numbers, or None where a point is None."""
+    if isinstance(points, np.ndarray) and points.dtype != object:
+        array = np.asarray(points, np.float64)
+        if array.size % 2:
+            raise ValueError(f"points must be n x 2, found {points.shape}")
+        array = array.reshape(-1, 2)
+        # A sum is finite where all are, unless they are absurdly large: then they are looked at.
+        if not math.isfinite(array.sum()) and not np.isfinite(array).all():
+            place = int(np.argmin(np.isfinite(array).all(axis=1)))
+            raise ValueError(f"point {place} is {array[place].tolist()}: say None to decline a corner")
+        return array.tolist()
+    pairs = [None if point is None else [float(point[0]), float(point[1])] for point in points]
+    for place, pair in enumerate(pairs):
+        if pair is not None and not (math.isfinite(pair[0]) and math.isfinite(pair[1])):
+            raise ValueError(f"point {place} is {pair}: say None to decline a corner")
+    return pairs
+
+
+def _detected(answer):
+    if isinstance(answer, tuple):
+        points, responses = answer
+        return {
+            "points": _points(points),
+            "responses": np.asarray(responses, np.float64).reshape(-1).tolist(),
+        }
+    return {"points": _points(answer)}
+
+
+def _refined(answer):
+    if not isinstance(answer, Corners):
+        return {"points": _points(answer)}
+    said = {"points": _points(answer.points)}
+    if answer.statuses is not None:
+        said["statuses"] = [str(status) for status in answer.statuses]
+    if answer.covariances_px2 is not None:
+        said["covariances_px2"] = [
+            None
+            if covariance is None
+            else [float(covariance[0][0]), float(covariance[0][1]), float(covariance[1][1])]
+            for covariance in answer.covariances_px2
+        ]
+    if answer.iterations is not None:
+        said["iterations"] = [int(count) for count in answer.iterations]
+    return said
+
+
+def _grasped(answer):
+    if answer is None:
+        return {}
+    point, point_in_camera_m = answer
+    return {
+        "point": [float(value) for value in point],
+        "point_in_camera_m": [float(value) for value in point_in_camera_m],
+    }
