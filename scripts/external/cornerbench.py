@@ -40,9 +40,9 @@ class Exposure:
     """A photograph, and what a user would know of it."""
 
     image: np.ndarray
-    """Rows x columns, or rows x columns x 3 of red, green, blue; valid until the function returns."""
+    """Rows x columns, or these x 3 of red, green, blue; valid until the function returns."""
     bit_depth: int
-    """Bits of a sample of the camera's: one digital number (DN) is full scale / (2^bit_depth - 1)."""
+    """Of the camera's samples: a digital number (DN) is full scale / (2^bit_depth - 1)."""
     curve: Any
     """From light to samples: "linear", "srgb", {"power": {"gamma"}} or {"log": {"gain"}}."""
     black_dn: float
@@ -56,7 +56,7 @@ class Exposure:
     object_size_m: list | None = None
     """The target's edge lengths, where ``needs`` says object_size."""
     region: tuple[int, int, int, int] | None = None
-    """Where to find corners: first column, first row, and those behind the last; None: everywhere."""
+    """Where to find corners: first column and row, those behind the last; None: everywhere."""
 
 
 @dataclass
@@ -70,7 +70,7 @@ class GraspQuestion:
     world_from_camera: np.ndarray
     """3 x 4: rotation and place [m]."""
     range_points_m: np.ndarray
-    """Rows x columns x 3: the point of each cell in the range sensor's frame; NaN where it saw none."""
+    """Rows x columns x 3: each cell's point in the range sensor's frame; NaN where it saw none."""
     range_camera: dict
     """The range sensor's intrinsics."""
     world_from_range: np.ndarray
