@@ -84,8 +84,8 @@ class Corners:
     points: Any
     """x, y of each seed [px]; None of one that is declined."""
     statuses: list | None = None
-    """"ok", "max_iterations", "reverted", "diverged", "singular", "out_of_bounds", "not_applicable",
-    "false_corner"."""
+    """Of each "ok", "max_iterations", "reverted", "diverged", "singular", "out_of_bounds",
+    "not_applicable" or "false_corner"."""
     covariances_px2: Any = None
     """2 x 2 of each, or None."""
     iterations: list | None = None
@@ -100,7 +100,7 @@ class _Pictures:
     mapped: mmap.mmap | None = None
 
     def array(self, image: dict) -> np.ndarray:
-        """The samples, not copied."""
+        """Return the samples, not copied."""
         dtype = _TYPES[image["type"]]
         count = image["height"] * image["width"] * image["channels"]
         if (
@@ -250,7 +250,9 @@ def _points(points):
         # A sum is finite where all are, unless they are absurdly large: then they are looked at.
         if not math.isfinite(array.sum()) and not np.isfinite(array).all():
             place = int(np.argmin(np.isfinite(array).all(axis=1)))
-            raise ValueError(f"point {place} is {array[place].tolist()}: say None to decline a corner")
+            raise ValueError(
+                f"point {place} is {array[place].tolist()}: say None to decline a corner"
+            )
         return array.tolist()
     pairs = [None if point is None else [float(point[0]), float(point[1])] for point in points]
     for place, pair in enumerate(pairs):
