@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
 use crate::error::{Error, Result};
-use crate::scene::sha256_hex;
+use crate::files::sha256_hex;
 
 /// What an environment is for; decides which lock it is made from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

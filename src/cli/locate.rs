@@ -119,7 +119,7 @@ fn task(global: &Global, options: &Options) -> Result<Task> {
             Some(AnyStage::choose("--detector", DETECTORS, &programs, Does::Detect, name, none)?)
         }
         (None, Seeds::Detected { detect, .. }) => Some(detect),
-        (None, Seeds::Disc { .. }) => {
+        (None, Seeds::Disc { .. } | Seeds::Elsewhere(_)) => {
             return Err(Error::Other(format!(
                 "plan {}: its first pipeline has no detector; give --detector, or another --plan",
                 options.plan

@@ -35,7 +35,8 @@ pub(super) struct Options {
     #[arg(long)]
     no_timing: bool,
     /// Algorithms that are other programs, beside the plan's own in every stage that does what they do: their names
-    /// (`cornerbench list programs`), "all", or the file of one's own: a program, or a TOML file (scripts/PROTOCOL.md).
+    /// (`cornerbench list programs`), "all", or the file of one's own: a program, a TOML file, or a CSV or JSON file of
+    /// corners that were computed elsewhere (scripts/PROTOCOL.md).
     #[arg(long, value_name = "NAME|FILE")]
     with: Vec<String>,
     /// The run's folder; out/PLAN-SUITE, with split and shard behind it, where this is not given.
@@ -54,7 +55,10 @@ enum SplitName {
 pub(super) fn run(global: &Global, options: &Options) -> Result<Ended> {
     let programs = programs::open(&options.with)?;
     programs::say(global, &programs);
-    let plan = Plan::read_with(&project::recipes(global)?, &options.plan, &programs)?;
+    let mut plan = Plan::read_with(&project::recipes(global)?, &options.plan, &programs)?;
+    for file in programs::answers(&options.with)? {
+        plan.add_answers(file)?;
+    }
     let split = options.split.map(|name| match name {
         SplitName::Dev => Split::Dev,
         SplitName::Test => Split::Test,

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use super::environment::python_with;
 use super::{Global, project};
 use crate::error::{Error, Result};
-use crate::external::{Block, Program, Surroundings, blocks};
+use crate::external::{AnswerFile, Block, Program, Surroundings, blocks, is_answer_file};
 
 /// Where adapters and the tables that describe them are.
 const FOLDER: &str = "scripts/external";
@@ -29,6 +29,21 @@ pub(super) fn known() -> Result<Vec<Block>> {
     Ok(found)
 }
 
+/// Whether what is given is a file of corners that were computed elsewhere.
+fn is_answers(given: &str) -> bool {
+    let path = Path::new(given);
+    is_answer_file(path) && path.is_file()
+}
+
+/// The files among what is given of corners that were computed elsewhere.
+///
+/// # Errors
+/// For a file that is none.
+pub(super) fn answers(given: &[String]) -> Result<Vec<AnswerFile>> {
+    let files = given.iter().filter(|one| is_answers(one));
+    files.map(|file| AnswerFile::read(Path::new(file))).collect()
+}
+
 /// Starts and greets the programs of these names or files; "all" is every one that the project knows.
 ///
 /// # Errors
@@ -39,7 +54,7 @@ pub(super) fn open(given: &[String]) -> Result<Vec<Arc<Program>>> {
         return Ok(Vec::new());
     }
     let mut chosen: Vec<Block> = Vec::new();
-    for one in given {
+    for one in given.iter().filter(|one| !is_answers(one)) {
         chosen.extend(find(one)?);
     }
     for (index, block) in chosen.iter().enumerate() {

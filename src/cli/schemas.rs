@@ -25,6 +25,7 @@ pub(super) fn run(global: &Global, options: &Options) -> Result<Ended> {
         None => project::recipes(global)?.join("schemas"),
     };
     write_json(&folder.join("plan.json"), &Plan::schema())?;
+    write_json(&folder.join("programs.json"), &crate::external::schema())?;
     write_json(&folder.join("camera.json"), &schema::<CameraModel>())?;
     write_json(&folder.join("range-sensor.json"), &schema::<RangeSensor>())?;
     // Families, suites and libraries are Python's to read, so their schemas are Python's to write.

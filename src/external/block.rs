@@ -190,7 +190,7 @@ fn block(file: &Path, name: &str, read: BlockFile) -> Block {
 }
 
 /// A name that can be part of a pipeline's, hence of file names and addresses.
-fn legal(name: &str) -> String {
+pub(super) fn legal(name: &str) -> String {
     let is_legal = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || "-_.".contains(c);
     let lower = name.chars().map(|c| c.to_ascii_lowercase());
     let name: String = lower.map(|c| if is_legal(c) { c } else { '_' }).collect();

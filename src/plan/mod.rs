@@ -15,7 +15,7 @@ use toml::Table;
 
 use crate::detect::{DETECTORS, Detector};
 use crate::error::{Error, Result};
-use crate::external::{Program, Task};
+use crate::external::{AnswerFile, Program, Task};
 use crate::grasp::{ESTIMATORS, FaceSelector, GraspEstimator, SELECTORS};
 use crate::metrics::CornerRule;
 use crate::refine::{REFINERS, Refiner};
@@ -99,6 +99,8 @@ pub enum Seeds {
         /// The disc's radius \[px\].
         radius_px: f64,
     },
+    /// End to end: corners were computed elsewhere, and are not refined here.
+    Elsewhere(Arc<AnswerFile>),
 }
 
 impl Seeds {
@@ -106,7 +108,7 @@ impl Seeds {
     pub fn target(&self) -> Option<&OwnStage<dyn TargetExtractor>> {
         match self {
             Self::Detected { target, .. } => target.as_ref(),
-            Self::Disc { .. } => None,
+            Self::Disc { .. } | Self::Elsewhere(_) => None,
         }
     }
 }
@@ -120,6 +122,40 @@ pub struct GraspStages {
 }
 
 impl Plan {
+    /// Adds a pipeline for corners that were computed elsewhere.
+    ///
+    /// # Errors
+    /// When the plan draws its junctions, of which nobody has a photograph, or a pipeline is called the same.
+    pub fn add_answers(&mut self, file: AnswerFile) -> Result<()> {
+        let place = file.path().display().to_string();
+        if !self.cells.is_empty() {
+            return Err(Error::Other(format!(
+                "{place}: plan {} draws its junctions, and nobody has photographs of them to answer; take a plan without \
+                 [[drawn]]",
+                self.name
+            )));
+        }
+        self.pipelines.push(Pipeline {
+            name: file.name().to_owned(),
+            seeds: Seeds::Elsewhere(Arc::new(file)),
+            refine: AnyStage::choose(&place, REFINERS, &[], Task::Refine, "none", Table::new())?,
+            grasp: None,
+        });
+        refuse_twice(&place, "pipelines", self.pipelines.iter().map(|one| one.name.as_str()))
+    }
+
+    /// Refuses corners that were computed elsewhere for photographs that there are not.
+    ///
+    /// # Errors
+    /// For the first of them.
+    pub fn check_answers(&self, scenes: &[&str], cameras: &[&str]) -> Result<()> {
+        let files = self.pipelines.iter().filter_map(|pipeline| match &pipeline.seeds {
+            Seeds::Elsewhere(file) => Some(file),
+            _ => None,
+        });
+        files.map(|file| file.check(scenes, cameras)).collect()
+    }
+
     /// The other programs in its pipelines, each once.
     pub fn programs(&self) -> Vec<&Arc<Program>> {
         let mut found: Vec<&Arc<Program>> = Vec::new();
@@ -307,7 +343,7 @@ impl Pipeline {
     pub fn programs(&self) -> impl Iterator<Item = &Arc<Program>> {
         let detect = match &self.seeds {
             Seeds::Detected { detect, .. } => detect.program(),
-            Seeds::Disc { .. } => None,
+            Seeds::Disc { .. } | Seeds::Elsewhere(_) => None,
         };
         let grasp = self.grasp.as_ref().and_then(|stages| stages.point.program());
         detect.into_iter().chain(self.refine.program()).chain(grasp)
@@ -319,12 +355,17 @@ impl Pipeline {
             "name": self.name,
             "seeds": match &self.seeds {
                 Seeds::Disc { radius_px } => Some(serde_json::json!({ "disc_px": radius_px })),
-                Seeds::Detected { .. } => None,
+                Seeds::Detected { .. } | Seeds::Elsewhere(_) => None,
             },
             "target": self.seeds.target().map(Stage::description),
             "detect": match &self.seeds {
                 Seeds::Disc { .. } => None,
                 Seeds::Detected { detect, .. } => Some(detect.description()),
+                Seeds::Elsewhere(file) => Some(serde_json::json!({
+                    "algorithm": file.name(),
+                    "version": file.version(),
+                    "sha256": file.sha256(),
+                })),
             },
             "refine": self.refine.description(),
             "face": self.grasp.as_ref().map(|grasp| grasp.face.description()),

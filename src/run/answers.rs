@@ -64,6 +64,15 @@ impl Answers {
         Self { region, corners, grasp, failure }
     }
 
+    /// What was computed elsewhere.
+    pub fn from_elsewhere(answers: Result<Vec<Corner>, Failure>) -> Self {
+        let (corners, failure) = match answers {
+            Ok(corners) => (corners, None),
+            Err(failure) => (Vec::new(), Some(failure)),
+        };
+        Self { region: None, corners, grasp: None, failure }
+    }
+
     /// Runs the pipeline as far as corners.
     pub fn of_corners(pipeline: &Pipeline, exposure: &Exposure, given: &[Detection]) -> Self {
         let Begun { region, seeds } = begin(pipeline, exposure, given);

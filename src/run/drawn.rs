@@ -226,7 +226,7 @@ impl Frame {
                 let point = ImagePoint::new(x + radius_px * right, y + radius_px * down);
                 vec![Detection::new(point, 1.0)]
             }
-            Seeds::Detected { .. } => Vec::new(),
+            Seeds::Detected { .. } | Seeds::Elsewhere(_) => Vec::new(),
         };
         let Answers { mut corners, failure, .. } = Answers::of_corners(pipeline, exposure, &given);
         let template = &with_reason(template, failure.as_ref());

@@ -3,9 +3,9 @@
 use serde_json::json;
 
 use super::{DRAWN, Images, Run, Source, Unit};
+use crate::files::sha256_hex;
 use crate::plan::{Cell, Pipeline};
 use crate::record::{FailureCount, RunDescription};
-use crate::scene::sha256_hex;
 use crate::sensor::Photographer;
 
 impl Run<'_> {

@@ -177,6 +177,8 @@ impl<'a> Run<'a> {
                 split.into_iter().chain(families).collect::<Vec<_>>().join(" and of "),
             )));
         }
+        let cameras: Vec<&str> = plan.cameras.iter().map(Photographer::name).collect();
+        plan.check_answers(&dataset.scenes().collect::<Vec<_>>(), &cameras)?;
         Ok(Self { plan, source: Source::Dataset(dataset), units, shard: choice.shard })
     }
 
@@ -207,6 +209,8 @@ impl<'a> Run<'a> {
                 plan.name
             )));
         }
+        let names: Vec<&str> = album.names().map(|(name, _)| name).collect();
+        plan.check_answers(&names, &[album.camera_name()])?;
         let units = album
             .names()
             .enumerate()

@@ -16,6 +16,7 @@ use super::score::{
     without_target,
 };
 use crate::error::{Error, Result};
+use crate::files::sha256_hex;
 use crate::geometry::{ImagePoint, Origin};
 use crate::matching::assign;
 use crate::metrics::found_at_responses;
@@ -23,7 +24,7 @@ use crate::picture::{KnownCorner, KnownCorners, Making, find_pictures, read_pict
 use crate::plan::{Pipeline, Plan, Seeds};
 use crate::record::{PicturesDescription, Record, kind, status};
 use crate::refine::Corner;
-use crate::scene::{Split, sha256_hex};
+use crate::scene::Split;
 use crate::sensor::{Exposure, Photographer};
 
 /// What records call the family of pictures, and the suite where their folder has no name.
@@ -197,10 +198,14 @@ impl<'a> Album<'a> {
                 let name = [self.suite.as_str(), &picture.name, "0"];
                 seeds_in_disc(known.iter().copied().enumerate(), radius_px, &name)
             }
-            Seeds::Detected { .. } => Vec::new(),
+            Seeds::Detected { .. } | Seeds::Elsewhere(_) => Vec::new(),
         };
-        let Answers { region, corners, failure, .. } =
-            Answers::of_corners(pipeline, exposure, &given);
+        let Answers { region, corners, failure, .. } = match &pipeline.seeds {
+            Seeds::Elsewhere(file) => {
+                Answers::from_elsewhere(file.answers(self.camera_name(), &picture.name, 0))
+            }
+            _ => Answers::of_corners(pipeline, exposure, &given),
+        };
         let template = with_reason(&self.template(pipeline, picture), failure.as_ref());
         let failed = failure.as_ref().map(|failure| failure_record(&template, failure));
         if known.is_empty() {
@@ -210,7 +215,7 @@ impl<'a> Album<'a> {
         let (own, found_at) = match pipeline.seeds {
             // One for each of them, in their order.
             Seeds::Disc { .. } => ((0..known.len()).map(Some).collect(), vec![None; known.len()]),
-            Seeds::Detected { .. } => {
+            Seeds::Detected { .. } | Seeds::Elsewhere(_) => {
                 let found_at = found_at_responses(&known, &corners, gate_px);
                 (matched(&known, &corners, gate_px), found_at)
             }

@@ -162,9 +162,14 @@ impl Station<'_> {
         for pipeline in &plan.pipelines {
             let given = match pipeline.seeds {
                 Seeds::Disc { radius_px } => seeds_in_disc(points(asked), radius_px, &name),
-                Seeds::Detected { .. } => Vec::new(),
+                Seeds::Detected { .. } | Seeds::Elsewhere(_) => Vec::new(),
             };
-            let answers = Answers::of(pipeline, exposure, rig, &range, &given);
+            let answers = match &pipeline.seeds {
+                Seeds::Elsewhere(file) => {
+                    Answers::from_elsewhere(file.answers(self.camera.name(), &scene.name, number))
+                }
+                _ => Answers::of(pipeline, exposure, rig, &range, &given),
+            };
             let template = self.template(pipeline, number, blur_px);
             records.extend(scorer.records(&template, pipeline, &answers));
             // What a report draws: the way to a grasp.

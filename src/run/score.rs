@@ -35,7 +35,9 @@ impl Scorer<'_> {
         let truth = self.seen.truth;
         let template = &with_reason(template, answers.failure.as_ref());
         let scores = match pipeline.seeds {
-            Seeds::Detected { .. } => score_corners(&self.seen, &answers.corners, self.rule),
+            Seeds::Detected { .. } | Seeds::Elsewhere(_) => {
+                score_corners(&self.seen, &answers.corners, self.rule)
+            }
             Seeds::Disc { .. } => score_seeded(&self.seen, &answers.corners, self.rule),
         };
         let no_target = without_target(answers.region.as_ref());
@@ -119,6 +121,9 @@ pub(super) fn of_pipeline(pipeline: &Pipeline) -> Record {
     let (track, disc_px, detector) = match &pipeline.seeds {
         Seeds::Disc { radius_px } => (track::REFINEMENT, Some(*radius_px), None),
         Seeds::Detected { detect, .. } => (track::END_TO_END, None, Some(detect.label())),
+        Seeds::Elsewhere(file) => {
+            (track::END_TO_END, None, Some(format!("{} {}", file.name(), file.version())))
+        }
     };
     Record {
         record_version: RECORD_VERSION,

@@ -106,7 +106,7 @@ impl Run<'_> {
                 Seeds::Disc { radius_px } => {
                     seeds_in_disc(points(shown.asked), radius_px, &shown.name)
                 }
-                Seeds::Detected { .. } => Vec::new(),
+                Seeds::Detected { .. } | Seeds::Elsewhere(_) => Vec::new(),
             };
             Some(Photograph {
                 exposure: shown.exposure.clone(),
@@ -125,7 +125,9 @@ impl Run<'_> {
         let mut corners = vec![vec![0; pipelines.len()]; cameras.len()];
         let mut times: Vec<Vec<Vec<Took>>> = vec![vec![Vec::new(); pipelines.len()]; cameras.len()];
         // No time is that of an answer that was none.
-        let mut has_failed = vec![vec![false; pipelines.len()]; cameras.len()];
+        let is_elsewhere = |one: &Pipeline| matches!(one.seeds, Seeds::Elsewhere(_));
+        let untimed: Vec<bool> = pipelines.iter().map(is_elsewhere).collect();
+        let mut has_failed = vec![untimed; cameras.len()];
         let mut round = |turn: usize| {
             let of_each = cameras.iter().zip(&mut corners).zip(&mut times).zip(&mut has_failed);
             for (((photographs, corners), times), has_failed) in of_each {

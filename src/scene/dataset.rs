@@ -9,9 +9,9 @@ use std::path::{Path, PathBuf};
 use nalgebra::Point3;
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
-use sha2::{Digest, Sha256};
 
 use crate::error::{Error, Result};
+use crate::files::sha256_hex;
 use crate::geometry::Camera;
 use crate::image::Plane;
 use crate::scene::layers::Layers;
@@ -303,11 +303,6 @@ impl Dataset {
         let found = sha256_hex(&bytes);
         if expected.as_ref() == Some(&found) { Ok(bytes) } else { Err(altered(found)) }
     }
-}
-
-/// SHA-256 in hexadecimal.
-pub fn sha256_hex(bytes: &[u8]) -> String {
-    Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 fn check_camera(path: &Path, key: &str, camera: &Camera) -> Result<()> {

@@ -9,7 +9,7 @@ mod geometry;
 mod layers;
 mod truth;
 
-pub use dataset::{Dataset, FORMAT, Renderer, Scene, sha256_hex};
+pub use dataset::{Dataset, FORMAT, Renderer, Scene};
 pub use description::{Description, FilmDescription, Lens, Split, TargetDescription, TargetKind};
 pub use film::{Coverage, Film};
 pub use geometry::{Geometry, NO_FACE, RangeRays, Surface};

@@ -5,9 +5,10 @@ use std::path::Path;
 
 use serde_json::Value;
 
+use cornerbench::files::sha256_hex;
 use cornerbench::junction::Junction;
 use cornerbench::record::{Record, kind, read_records};
-use cornerbench::scene::{Dataset, FORMAT, TargetKind, TrueCorner, sha256_hex};
+use cornerbench::scene::{Dataset, FORMAT, TargetKind, TrueCorner};
 use nalgebra::Point3;
 
 use crate::support::{

@@ -9,7 +9,9 @@ use cornerbench::record::{Record, kind, read_records};
 use serde_json::Value;
 
 use crate::dataset::json;
-use crate::support::{copy_folder, cornerbench, project, recipes, run, stderr, stdout};
+use crate::support::{
+    copy_folder, cornerbench, plain_dataset, project, python, recipes, run, stderr, stdout, succeed,
+};
 
 const CORNERS: usize = 8;
 
@@ -302,4 +304,240 @@ fn tables_that_make_no_sense_say_why() {
     let output = run(&mut bench.measure(Path::new("opencv-corner_sub_pics")));
     assert_eq!(output.status.code(), Some(2));
     assert!(stderr(&output).contains("unknown program or file"), "{}", stderr(&output));
+}
+
+/// A program that is compiled for the tests.
+fn compiled(bench: &Bench, source: &str, compilers: &[&[&str]]) -> PathBuf {
+    let program = bench.path(&source.replace('.', "_"));
+    let source = project().join("scripts/external").join(source);
+    let mut said = Vec::new();
+    for words in compilers {
+        let mut command = Command::new(words[0]);
+        command.args(["-O2", "-Wall", "-Wextra", "-Werror", "-o"]).arg(&program).arg(&source);
+        let output = run(command.args(&words[1..]));
+        if output.status.success() {
+            return program;
+        }
+        said.push(stderr(&output));
+    }
+    panic!("{}", said.join("\n"));
+}
+
+/// The answers of two methods, corner by corner.
+fn pairs(records: &[Record], methods: [&str; 2]) -> Vec<[[f64; 2]; 2]> {
+    let of = |method: &str| -> Vec<[f64; 2]> {
+        let rows = records.iter().filter(|row| row.method == method && row.kind == kind::CORNER);
+        rows.map(|row| [row.refined_x_px, row.refined_y_px].map(|value| value.expect("a place")))
+            .collect()
+    };
+    let [own, other] = methods.map(of);
+    assert!(own.len() == CORNERS && other.len() == CORNERS, "{} and {}", own.len(), other.len());
+    own.into_iter().zip(other).map(|(own, other)| [own, other]).collect()
+}
+
+fn farthest_px(pairs: &[[[f64; 2]; 2]]) -> f64 {
+    pairs.iter().map(|[[a, b], [c, d]]| (a - c).hypot(b - d)).fold(0.0, f64::max)
+}
+
+#[test]
+fn the_runners_in_c_and_in_cpp_do_what_the_own_refiner_does() {
+    let bench = Bench::new();
+    let c = compiled(&bench, "minimal.c", &[&["cc", "-std=c99", "-lm"]]);
+    let with_opencv =
+        ["c++", "-std=c++17", "-I/usr/include/opencv4", "-lopencv_imgproc", "-lopencv_core"];
+    let cpp = compiled(&bench, "minimal.cpp", &[&with_opencv, &["c++", "-std=c++17"]]);
+    let output = run(bench.measure(&c).arg("--with").arg(&cpp));
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    let records = bench.records();
+    // The same method on samples of 8 bits, where the own one sees all of them.
+    let far_px = farthest_px(&pairs(&records, ["given", "minimal_c"]));
+    assert!(far_px < 0.05, "{far_px}");
+    let has_opencv = records.iter().any(|row| row.refiner.contains("opencv"));
+    let far_px = farthest_px(&pairs(&records, ["minimal_c", "minimal_cpp"]));
+    assert!(!has_opencv || far_px < 0.005, "{far_px}");
+}
+
+#[test]
+fn a_new_user_s_refiner_in_python_is_a_method_as_the_documentation_says() {
+    let text = fs::read_to_string(project().join("scripts/PROTOCOL.md")).expect("a page");
+    let code = text.split("```python\n").nth(1).and_then(|rest| rest.split("```").next());
+    let code = code.expect("an example");
+    assert!(code.lines().count() <= 15, "{code}");
+    let bench = Bench::new();
+    let file = bench.path("mine.py");
+    fs::write(&file, code).expect("written");
+    python();
+    let output = run(bench.measure(&file).env_remove("VIRTUAL_ENV").env_remove("CONDA_PREFIX"));
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    let records = bench.records();
+    let rows: Vec<&Record> = records.iter().filter(|row| row.method == "mine").collect();
+    assert_eq!(rows.len(), CORNERS);
+    for row in rows {
+        assert!(row.refiner.starts_with("mine 1 (numpy "), "{}", row.refiner);
+        assert_eq!((row.refined_x_px, row.refined_y_px), (row.detected_x_px, row.detected_y_px));
+    }
+}
+
+#[test]
+fn a_program_joins_each_stage_that_does_what_it_does_and_moves_no_other_method() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let list = |plan: &str, with: &[&str]| {
+        let mut command = cornerbench();
+        command.args(["measure", plan, "--list", "--json", "--recipes"]).arg(recipes());
+        command.arg(plain_dataset());
+        for does in with {
+            let file = folder.path().join(format!("{does}.toml"));
+            let table = format!("['own-{does}']\ndoes = '{does}'\ncommand = ['no such program']\n");
+            fs::write(&file, table).expect("written");
+            command.arg("--with").arg(file);
+        }
+        let said: Value = serde_json::from_str(&succeed(&mut command)).expect("JSON");
+        let names = said["methods"].as_array().expect("methods").iter();
+        names.map(|name| name.as_str().expect("a name").to_owned()).collect::<Vec<String>>()
+    };
+    let plain = list("seeds", &[]);
+    let joined = list("seeds", &["refine"]);
+    assert!(plain.iter().all(|name| joined.contains(name)), "{joined:?}");
+    let new: Vec<&str> =
+        joined.iter().filter(|name| !plain.contains(name)).map(String::as_str).collect();
+    assert_eq!(
+        new,
+        ["given-disc_px=0.5-own-refine", "given-disc_px=2-own-refine", "found-own-refine"]
+    );
+    assert_eq!(list("plain", &["refine"]), ["paper", "own-refine"]);
+    assert_eq!(list("plain", &["detect"]), ["paper", "own-detect"]);
+    assert_eq!(list("plain", &["grasp"]), ["paper", "own-grasp"]);
+    assert_eq!(
+        list("plain", &["detect", "refine"]),
+        ["paper", "own-refine", "own-detect", "own-detect-own-refine"]
+    );
+}
+
+#[test]
+fn times_are_a_program_s_own_with_the_protocol_s_beside_and_none_of_one_that_fails() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let output = folder.path().join("run");
+    let command = |fault: &str| {
+        let program = project().join("tests/programs/faults.py");
+        serde_json::json!(["python3", program.display().to_string(), fault])
+    };
+    let tables = format!(
+        "[well]\ncommand = {}\n[badly]\ncommand = {}\ndoes = 'refine'\n",
+        command("none"),
+        command("says_so")
+    );
+    let file = folder.path().join("two.toml");
+    fs::write(&file, tables).expect("written");
+    let mut measure = cornerbench();
+    measure.args(["measure", "plain", "--quiet", "--recipes"]).arg(recipes());
+    let done = run(measure.arg(plain_dataset()).arg("-o").arg(&output).arg("--with").arg(&file));
+    let timing = json(&output.join("timing.json"));
+    let of = |name: &str| {
+        let methods = timing["methods"].as_array().expect("methods");
+        methods.iter().find(|method| method["method"] == name).cloned()
+    };
+    let well = of("well").expect("times");
+    // Its own clock says 1 us, to which comes what is done here before it is asked.
+    let own_us = well["refine_us"]["median"].as_f64();
+    assert!(own_us.is_some_and(|us| (1.0..5.0).contains(&us)), "{well}");
+    assert!(well["protocol_us"][1]["median"].as_f64().is_some_and(|us| us > 10.0), "{well}");
+    assert!(of("paper").is_some_and(|paper| paper.get("protocol_us").is_none()));
+    // Two scenes, and its third question is the first to be timed: whatever was measured before, it has no time.
+    assert!(of("badly").is_none(), "{}", stdout(&done));
+    let programs = timing["programs"].as_array().expect("programs");
+    let well = programs.iter().find(|program| program["name"] == "well").expect("the program");
+    if cfg!(target_os = "linux") {
+        assert!(well["threads"].as_u64() >= Some(1) && well["processors"].is_string(), "{well}");
+    }
+    let page = fs::read_to_string(output.join("report/index.html")).expect("a page");
+    assert!(page.contains(" + "), "own time and the protocol's");
+}
+
+/// The method `paper` on the plain dataset, and its answers as a file.
+fn answers_of_paper(folder: &Path, change: impl Fn(String) -> String) -> (Vec<Record>, PathBuf) {
+    let output = folder.join("paper");
+    succeed(
+        cornerbench()
+            .args(["measure", "plain", "--quiet", "--no-timing", "--recipes"])
+            .arg(recipes())
+            .arg(plain_dataset())
+            .arg("-o")
+            .arg(&output),
+    );
+    let records = read_records(&output.join("records.parquet")).expect("records");
+    let mut text = String::from("version,scene,y_px,x_px,response\n");
+    for row in records.iter().filter(|row| row.refined_x_px.is_some()) {
+        let value = |number: Option<f64>| number.expect("a number").to_string();
+        let numbers = [row.refined_y_px, row.refined_x_px, row.response].map(value).join(",");
+        text.push_str(&format!("mine 2,{},{numbers}\n", row.scene));
+    }
+    let file = folder.join("My answers.csv");
+    fs::write(&file, change(text)).expect("written");
+    (records, file)
+}
+
+fn measure_answers(file: &Path, output: &Path) -> Output {
+    let mut measure = cornerbench();
+    measure.args(["measure", "plain", "--quiet", "--no-timing", "--recipes"]).arg(recipes());
+    run(measure.arg(plain_dataset()).arg("-o").arg(output).arg("--with").arg(file))
+}
+
+#[test]
+fn corners_from_elsewhere_are_scored_as_if_they_had_been_found_here() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let (before, file) = answers_of_paper(folder.path(), |text| text);
+    let output = folder.path().join("run");
+    let done = measure_answers(&file, &output);
+    assert_eq!(done.status.code(), Some(0), "{}", stderr(&done));
+    let records = read_records(&output.join("records.parquet")).expect("records");
+    let of = |records: &[Record], method: &str| -> Vec<(i32, Option<u64>)> {
+        let rows = records.iter().filter(|row| row.method == method && row.kind == kind::CORNER);
+        let found = rows.map(|row| {
+            (row.corner_index.expect("an index"), row.refined_error_px.map(f64::to_bits))
+        });
+        found.collect()
+    };
+    let (own, elsewhere) = (of(&before, "paper"), of(&records, "my_answers"));
+    assert!(own.iter().any(|(_, error)| error.is_some()), "{own:?}");
+    assert_eq!(elsewhere, own);
+    let row = records.iter().find(|row| row.method == "my_answers").expect("rows");
+    assert_eq!(
+        (row.detector.as_deref(), row.track.as_str()),
+        (Some("my_answers mine 2"), "end_to_end")
+    );
+}
+
+#[test]
+fn a_file_of_answers_says_of_each_photograph_something_that_can_be_true() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let output = folder.path().join("run");
+    // Without its rows a scene is a failure; with an empty one it has no corners.
+    let without = |text: String| -> String {
+        text.lines()
+            .filter(|line| !line.contains("oblique"))
+            .map(|line| format!("{line}\n"))
+            .collect()
+    };
+    let (_, file) = answers_of_paper(folder.path(), without);
+    let done = measure_answers(&file, &output);
+    assert_eq!(done.status.code(), Some(1), "{}", stderr(&done));
+    let records = read_records(&output.join("records.parquet")).expect("records");
+    let failed = records.iter().find(|row| row.kind == kind::FAILURE).expect("a failure");
+    assert_eq!((failed.scene.as_str(), failed.status.as_str()), ("oblique", "not_available"));
+    let text = fs::read_to_string(&file).expect("answers");
+    fs::write(&file, format!("{text}mine 2,oblique,,,\n")).expect("written");
+    let done = measure_answers(&file, &output);
+    assert_eq!(done.status.code(), Some(0), "{}", stderr(&done));
+    for (row, words) in [
+        ("mine 2,obliq,1,1,1", "did you mean \"oblique\""),
+        ("mine 3,oblique,1,1,1", "version is \"mine 3\", must be one and the same"),
+        ("mine 2,oblique,NaN,1,1", "y_px is NaN, must be a finite number"),
+        ("mine 2,oblique,,1,1", "y_px is missing, must be there, or neither"),
+        ("mine 2,oblique,x,1,1", "invalid float"),
+    ] {
+        fs::write(&file, format!("{text}{row}\n")).expect("written");
+        let done = measure_answers(&file, &output);
+        assert_eq!(done.status.code(), Some(2), "{row}: {}", stdout(&done));
+        assert!(stderr(&done).contains(words), "{row}: {}", stderr(&done));
+    }
 }

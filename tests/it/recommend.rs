@@ -72,7 +72,7 @@ fn run_of_both_splits(folder: &Path) {
         description["split"] = split.into();
         let text = description.to_string();
         let entry = &mut manifest["scenes"][scene]["files"]["scene.json"];
-        entry["sha256"] = cornerbench::scene::sha256_hex(text.as_bytes()).into();
+        entry["sha256"] = cornerbench::files::sha256_hex(text.as_bytes()).into();
         if !entry["bytes"].is_null() {
             entry["bytes"] = text.len().into();
         }
