@@ -8,6 +8,7 @@
 
 pub mod bound;
 pub mod cli;
+pub mod contract;
 pub mod convention;
 pub mod cuboid;
 pub mod detect;

@@ -87,7 +87,8 @@ enum Command {
     Recommend(recommend::Options),
     /// Write the report of a run again, from its records.
     Report(report::Options),
-    /// Check a dataset's integrity, and that renderer, reader and projection agree to 0.01 px.
+    /// Check a dataset: its integrity, and that renderer, reader and projection agree to 0.01 px; or an algorithm, also one
+    /// of one's own: that it counts its coordinates and answers as all do.
     Verify(verify::Options),
     /// Photograph a dataset by a camera: pictures to look at or to use elsewhere.
     Expose(expose::Options),

@@ -149,11 +149,11 @@ impl Plan {
     /// # Errors
     /// For the first of them.
     pub fn check_answers(&self, scenes: &[&str], cameras: &[&str]) -> Result<()> {
-        let files = self.pipelines.iter().filter_map(|pipeline| match &pipeline.seeds {
+        let mut files = self.pipelines.iter().filter_map(|pipeline| match &pipeline.seeds {
             Seeds::Elsewhere(file) => Some(file),
             _ => None,
         });
-        files.map(|file| file.check(scenes, cameras)).collect()
+        files.try_for_each(|file| file.check(scenes, cameras))
     }
 
     /// The other programs in its pipelines, each once.

@@ -16,7 +16,7 @@ const LAYERS: &[&[&str]] = &[
     &["target", "detect", "refine", "grasp"],
     &["external"],
     &["bound", "matching", "metrics", "convention", "export", "picture"],
-    &["plan", "run", "record"],
+    &["plan", "run", "record", "contract"],
     &["report"],
     &["cli"],
 ];
