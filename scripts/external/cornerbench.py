@@ -197,10 +197,10 @@ def _answer(functions, question, pictures, parameters):
     if task not in functions:
         raise ValueError(f"does not {task}")
     function = functions[task]
-    if task == "grasp":
-        arguments = [_grasp_question(question)]
-    else:
-        arguments = [_exposure(question, pictures)]
+    is_grasp = task == "grasp"
+    arguments: list[Any] = [
+        _grasp_question(question) if is_grasp else _exposure(question, pictures)
+    ]
     if task == "refine":
         arguments.append(np.array(question["seeds"], np.float64).reshape(-1, 2))
     begun = time.perf_counter_ns()
@@ -274,7 +274,7 @@ def _detected(answer):
 def _refined(answer):
     if not isinstance(answer, Corners):
         return {"points": _points(answer)}
-    said = {"points": _points(answer.points)}
+    said: dict[str, Any] = {"points": _points(answer.points)}
     if answer.statuses is not None:
         said["statuses"] = [str(status) for status in answer.statuses]
     if answer.covariances_px2 is not None:

@@ -49,8 +49,14 @@ def harris(image, *, block_px, aperture_px, k, threshold_rel):
 
 def good_features(image, *, quality_level, min_distance_px, block_px):
     """Find maxima of the smaller eigenvalue."""
-    points, qualities = cv2.goodFeaturesToTrackWithQuality(
-        image, 0, quality_level, min_distance_px, None, blockSize=block_px
+    # OpenCV's types forget that a mask may be None.
+    points, qualities = cv2.goodFeaturesToTrackWithQuality(  # pyright: ignore[reportCallIssue]
+        image,
+        0,
+        quality_level,
+        min_distance_px,
+        None,  # pyright: ignore[reportArgumentType]
+        blockSize=block_px,
     )
     return ([], []) if points is None else (points, qualities)
 

@@ -14,6 +14,9 @@ corner_subpix
     Sobel's filter around it leave the image are declined: they would be refined on its zeros.
 """
 
+# pyright: reportArgumentType=false, reportAttributeAccessIssue=false
+# scikit-image says no types; what is inferred from its defaults is too narrow.
+
 import sys
 
 import numpy as np
