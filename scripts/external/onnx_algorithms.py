@@ -14,12 +14,12 @@ descriptors say, are not looked at.
 
 heatmap
     Corners are the pixels that no other one in the square of `radius_px` exceeds, of more heat than
-    `threshold`; equals all count. The heat is the response. The centre of the first pixel is (0, 0).
+    `threshold`; equals all count. The heat is the response. (0, 0) is the first pixel's centre.
 offset
     These, each moved by the offset at its pixel.
 
-The model sees the whole image whatever region is asked for, as far as it sees around a corner is not
-known here. Below and at the right the image is continued by its last pixels, to multiples of 8, or
+The model sees the whole image whatever region is asked for: how far around a corner it looks is not
+known here. Below and at the right the image is continued by its last pixels, to multiples of 8 or
 to the size that the model has fixed. The version is the beginning of the file's SHA-256; weights in
 a second file are not part of it. onnxruntime computes in one thread of the processor.
 """
@@ -97,18 +97,21 @@ class Detector:
         outputs = [np.asarray(output) for output in self.session.run(None, fed)]
         cells = [side // CELL_PX for side in padded]
         by_shape = {output.shape: output[0] for output in reversed(outputs)}
-        logits, heat = by_shape.get((1, CELL_PX**2 + 1, *cells)), by_shape.get((1, 1, *padded))
-        offsets = by_shape.get((1, 2, *padded))
         found = ", ".join(f"{output.shape}" for output in outputs)
-        if logits is None and heat is None:
+        of_logits, of_heat = (1, CELL_PX**2 + 1, *cells), (1, 1, *padded)
+        of_offsets = (1, 2, *padded)
+        if of_logits in by_shape:
+            heat = _heat(by_shape[of_logits])
+        elif of_heat in by_shape:
+            heat = by_shape[of_heat][0]
+        else:
             raise ValueError(
-                f"of an input of {(1, 1, *padded)} no output is a heat map, {(1, 1, *padded)}, or "
-                f"logits of cells, {(1, CELL_PX**2 + 1, *cells)}; found {found}"
+                f"of an input of {of_heat} no output is a heat map, {of_heat}, or logits of cells, "
+                f"{of_logits}; found {found}"
             )
-        if self.has_offsets and offsets is None:
-            raise ValueError(f"no output is of offsets, {(1, 2, *padded)}; found {found}")
-        heat = heat[0] if logits is None else _heat(logits)
-        return heat[:height, :width], offsets if self.has_offsets else None
+        if self.has_offsets and of_offsets not in by_shape:
+            raise ValueError(f"no output is of offsets, {of_offsets}; found {found}")
+        return heat[:height, :width], by_shape[of_offsets] if self.has_offsets else None
 
     def detect(self, exposure, *, threshold, radius_px, **_):
         """Find the heat map's maxima."""
