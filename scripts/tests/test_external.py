@@ -114,7 +114,7 @@ def start_text(start: Callable[..., Algorithm], tmp_path: Path) -> Callable[...,
 
 
 # Of rectangles: first column and row, and those behind the last.
-WIDE = (30.3, 40.6, 101.2, 75.5)
+WIDE = (30.3, 41.3, 100.7, 75.7)
 
 
 def rectangle(sides: tuple[float, ...] = WIDE, size: tuple[int, int] = (120, 160)) -> np.ndarray:
@@ -126,7 +126,7 @@ def rectangle(sides: tuple[float, ...] = WIDE, size: tuple[int, int] = (120, 160
         return np.clip(np.minimum(pixel + 0.5, behind) - np.maximum(pixel - 0.5, first), 0.0, 1.0)
 
     area = covered(y0, y1, size[0])[:, None] * covered(x0, x1, size[1])
-    # A lens' blur, without which FAST finds equals and, of these, none.
+    # Without any blur FAST finds equals and, of these, none.
     return np.rint(40.0 + 160.0 * gaussian_filter(area, 0.5)).astype(np.uint8)
 
 
@@ -186,7 +186,7 @@ def test_a_detector_finds_nothing_in_an_even_image(name: str, start_table):
 
 def test_segments_of_opencv_lie_where_they_were_drawn(start_table):
     detector = start_table("opencv-lsd")
-    # By 0.125 px too far to the top left if not corrected; 5 px of the image are 4 of the reduced one.
+    # If not corrected, 0.125 px too far to the top left. 5 px are 4 of the reduced image.
     offsets = []
     for step in range(8):
         moved = tuple(side + 0.625 * step for side in WIDE)
