@@ -23,7 +23,10 @@ import numpy as np
 import skimage
 from cornerbench import Corners, serve
 from regions import in_region
-from skimage import feature
+
+# By name: the modules would be loaded during the first measured call otherwise.
+from skimage.feature import corner_harris, corner_peaks
+from skimage.feature import corner_subpix as refined_corners
 
 REACH_PX = 16
 
@@ -34,8 +37,8 @@ def harris(image, *, k, sigma_px, threshold_rel, min_distance_px):
     edge_px = 1 + int(4.0 * sigma_px + 0.5)
     if min(image.shape) <= 2 * edge_px:
         return [], []
-    response = feature.corner_harris(image, k=k, sigma=sigma_px)[edge_px:-edge_px, edge_px:-edge_px]
-    peaks = feature.corner_peaks(
+    response = corner_harris(image, k=k, sigma=sigma_px)[edge_px:-edge_px, edge_px:-edge_px]
+    peaks = corner_peaks(
         response, min_distance=min_distance_px, threshold_rel=threshold_rel, exclude_border=False
     )
     return peaks[:, ::-1] + edge_px, response[peaks[:, 0], peaks[:, 1]]
@@ -49,7 +52,7 @@ def corner_subpix(exposure, seeds, *, window_px, alpha):
     inside = (whole >= reach_px) & (whole < (width - reach_px, height - reach_px))
     inside = inside.all(axis=1)
     refined = np.full(seeds.shape, np.nan)
-    refined[inside] = feature.corner_subpix(
+    refined[inside] = refined_corners(
         exposure.image, whole[inside, ::-1], window_size=window_px, alpha=alpha
     )[:, ::-1]
     found = np.isfinite(refined).all(axis=1)
