@@ -125,7 +125,9 @@ def serve(*, version, detect=None, refine=None, grasp=None, needs=None, librarie
     Parameters
     ----------
     version
-        What the algorithm is, in every row: change it when its answers change.
+        What the algorithm is, in every row: change it when its answers change. Or a function,
+        ``version(**parameters)``, called once before all questions, that returns it: where answers
+        depend on a file that a parameter names, or something is to be loaded that takes long.
     detect
         ``detect(exposure, **parameters)`` returns points, x and y of each, strongest first; or
         points and responses.
@@ -160,9 +162,10 @@ def serve(*, version, detect=None, refine=None, grasp=None, needs=None, librarie
         answers.flush()
 
     greeting = json.loads(questions.readline() or b"{}")
+    parameters = greeting.get("parameters", {})
     ready = {
         "protocol": PROTOCOL,
-        "version": str(version),
+        "version": str(version(**parameters) if callable(version) else version),
         "libraries": {
             **(libraries or {}),
             "numpy": np.__version__,
@@ -173,7 +176,6 @@ def serve(*, version, detect=None, refine=None, grasp=None, needs=None, librarie
     if needs is not None:
         ready["needs"] = needs
     say(ready)
-    parameters = greeting.get("parameters", {})
     pictures = _Pictures()
     for line in questions:
         question = json.loads(line)
@@ -197,10 +199,10 @@ def _answer(functions, question, pictures, parameters):
     if task not in functions:
         raise ValueError(f"does not {task}")
     function = functions[task]
-    if task == "grasp":
-        arguments = [_grasp_question(question)]
-    else:
-        arguments = [_exposure(question, pictures)]
+    is_grasp = task == "grasp"
+    arguments: list[Any] = [
+        _grasp_question(question) if is_grasp else _exposure(question, pictures)
+    ]
     if task == "refine":
         arguments.append(np.array(question["seeds"], np.float64).reshape(-1, 2))
     begun = time.perf_counter_ns()
@@ -274,7 +276,7 @@ def _detected(answer):
 def _refined(answer):
     if not isinstance(answer, Corners):
         return {"points": _points(answer)}
-    said = {"points": _points(answer.points)}
+    said: dict[str, Any] = {"points": _points(answer.points)}
     if answer.statuses is not None:
         said["statuses"] = [str(status) for status in answer.statuses]
     if answer.covariances_px2 is not None:

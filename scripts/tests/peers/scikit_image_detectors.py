@@ -4,9 +4,12 @@ Slopes are Sobel's, 8 times ours. Gaussians end at 4 sigma, rounded; ours end at
 up: at SIGMA both are of 11 samples. Beyond the picture all is 0.
 """
 
+# pyright: reportArgumentType=false, reportAttributeAccessIssue=false
+# scikit-image says no types; what is inferred from its defaults is too narrow.
+
 import numpy as np
-import skimage  # pyright: ignore[reportMissingImports]
-from skimage import feature  # pyright: ignore[reportMissingImports]
+import skimage
+from skimage import feature
 
 VERSION = skimage.__version__
 K = 0.04
