@@ -188,9 +188,10 @@ def serve(*, version, detect=None, refine=None, grasp=None, needs=None, librarie
 
 
 def _place(error):
-    """Where in somebody else's code an exception was raised."""
+    """Where in the program's own code an exception was raised, not in a library of its."""
     frames = traceback.extract_tb(error.__traceback__)
-    own = [frame for frame in frames if frame.filename != __file__]
+    program = os.path.abspath(getattr(sys.modules["__main__"], "__file__", None) or __file__)
+    own = [frame for frame in frames if os.path.abspath(frame.filename) == program]
     return f"({os.path.basename(own[-1].filename)}:{own[-1].lineno})" if own else ""
 
 
@@ -246,7 +247,8 @@ def _points(points):
     """Pairs of finite numbers, or None where a point is None."""
     if isinstance(points, np.ndarray) and points.dtype != object:
         array = np.asarray(points, np.float64)
-        if array.size % 2:
+        # OpenCV has n x 1 x 2.
+        if array.size and not (array.shape[-1] == 2 and array.ndim in (2, 3)):
             raise ValueError(f"points must be n x 2, found {points.shape}")
         array = array.reshape(-1, 2)
         # A sum is finite where all are, unless they are absurdly large: then they are looked at.
@@ -256,21 +258,29 @@ def _points(points):
                 f"point {place} is {array[place].tolist()}: say None to decline a corner"
             )
         return array.tolist()
-    pairs = [None if point is None else [float(point[0]), float(point[1])] for point in points]
-    for place, pair in enumerate(pairs):
-        if pair is not None and not (math.isfinite(pair[0]) and math.isfinite(pair[1])):
-            raise ValueError(f"point {place} is {pair}: say None to decline a corner")
-    return pairs
+    return [None if point is None else _pair(place, point) for place, point in enumerate(points)]
+
+
+def _pair(place, point):
+    pair = np.asarray(point, np.float64).reshape(-1).tolist()
+    if len(pair) != 2:
+        raise ValueError(f"point {place} must be x and y, found {point!r}")
+    if not (math.isfinite(pair[0]) and math.isfinite(pair[1])):
+        raise ValueError(f"point {place} is {pair}: say None to decline a corner")
+    return pair
 
 
 def _detected(answer):
-    if isinstance(answer, tuple):
-        points, responses = answer
-        return {
-            "points": _points(points),
-            "responses": np.asarray(responses, np.float64).reshape(-1).tolist(),
-        }
-    return {"points": _points(answer)}
+    if not isinstance(answer, tuple):
+        return {"points": _points(answer)}
+    if len(answer) != 2:
+        raise ValueError(f"detect must return points, or points and responses: {len(answer)} found")
+    points, responses = _points(answer[0]), np.asarray(answer[1], np.float64).reshape(-1)
+    if len(points) != len(responses):
+        raise ValueError(f"{len(responses)} responses for {len(points)} points")
+    if not np.isfinite(responses).all():
+        raise ValueError(f"response {int(np.argmin(np.isfinite(responses)))} is not finite")
+    return {"points": points, "responses": responses.tolist()}
 
 
 def _refined(answer):

@@ -85,7 +85,7 @@ int main(void) {
     while (getline(&line, &room, stdin) > 0) {
         long id = number(line, "\"id\":"), width = number(line, "\"width\":"), height = number(line, "\"height\":");
         const char *file = behind(line, "\"file\":\""), *seeds = behind(line, "\"seeds\":[");
-        if (!file || !seeds || width < 2 || height < 2) {
+        if (!file || !seeds) {
             printf("{\"id\": %ld, \"error\": \"there is no image, or nothing to refine\"}\n", id);
             fflush(stdout);
             continue;
@@ -114,7 +114,7 @@ int main(void) {
             double x = strtod(seeds, &end), y = strtod(end + 1, &end);
             seeds = end + 1;
             double begun_us = now_us();
-            int is_corner = refine(image, width, height, &x, &y);
+            int is_corner = width > 1 && height > 1 && refine(image, width, height, &x, &y);
             took_us += now_us() - begun_us;
             if (is_corner) {
                 printf("%s[%.17g, %.17g]", between, x, y);

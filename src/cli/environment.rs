@@ -20,6 +20,8 @@ pub enum Purpose {
     Peers,
     /// Timing them beside those of kornia, too.
     Kornia,
+    /// Learned detectors through onnxruntime.
+    Onnx,
 }
 
 impl Purpose {
@@ -30,6 +32,7 @@ impl Purpose {
             Self::Development => "development",
             Self::Peers => "peers",
             Self::Kornia => "kornia",
+            Self::Onnx => "onnx",
         }
     }
 
@@ -40,6 +43,7 @@ impl Purpose {
             Self::Development => "requirements-dev.txt",
             Self::Peers => "requirements-peers.txt",
             Self::Kornia => "requirements-kornia.txt",
+            Self::Onnx => "requirements-onnx.txt",
         }
     }
 }
@@ -90,14 +94,15 @@ pub fn present_python(root: &Path, purpose: Purpose) -> Result<Option<PathBuf>> 
 /// The Python program of an environment that holds what the one of a name does, where such is set up. "" is the one that
 /// the user has activated, else the project's that holds most.
 pub fn python_with(root: &Path, name: &str) -> Option<PathBuf> {
-    use Purpose::{Development, Kornia, Peers, Ray, Rendering};
+    use Purpose::{Development, Kornia, Onnx, Peers, Ray, Rendering};
     let active = ["VIRTUAL_ENV", "CONDA_PREFIX"].into_iter().find_map(std::env::var_os);
     if let Some(active) = active.filter(|_| name.is_empty()) {
         return Some(program(Path::new(&active)));
     }
     let holding: &[Purpose] = match name {
-        "" => &[Kornia, Development, Peers, Rendering, Ray],
-        "rendering" => &[Rendering, Development, Peers, Kornia, Ray],
+        "" => &[Kornia, Development, Peers, Onnx, Rendering, Ray],
+        "rendering" => &[Rendering, Development, Peers, Kornia, Onnx, Ray],
+        "onnx" => &[Onnx, Development],
         "peers" => &[Peers, Kornia, Development],
         "kornia" => &[Kornia],
         "development" => &[Development],

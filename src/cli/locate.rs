@@ -102,7 +102,7 @@ pub(super) fn run(global: &Global, options: &Options) -> Result<Ended> {
 
 fn task(global: &Global, options: &Options) -> Result<Task> {
     let plan = Plan::read(&project::recipes(global)?, &options.plan)?;
-    let programs = programs::open(&options.with)?;
+    let programs = programs::open(global, &options.with)?;
     // A plan has one at least.
     let pipeline = plan.pipelines.into_iter().next();
     let pipeline =

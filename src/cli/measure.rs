@@ -53,7 +53,7 @@ enum SplitName {
 }
 
 pub(super) fn run(global: &Global, options: &Options) -> Result<Ended> {
-    let programs = programs::open(&options.with)?;
+    let programs = programs::open(global, &options.with)?;
     programs::say(global, &programs);
     let mut plan = Plan::read_with(&project::recipes(global)?, &options.plan, &programs)?;
     for file in programs::answers(&options.with)? {

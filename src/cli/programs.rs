@@ -44,12 +44,13 @@ pub(super) fn answers(given: &[String]) -> Result<Vec<AnswerFile>> {
     files.map(|file| AnswerFile::read(Path::new(file))).collect()
 }
 
-/// Starts and greets the programs of these names or files; "all" is every one that the project knows.
+/// Starts and greets the programs of these names or files; "all" is every one that the project knows and that is
+/// available.
 ///
 /// # Errors
 /// For a name that nothing answers to, a file that cannot be read, two programs of one name, and a program that does not
 /// say what it does.
-pub(super) fn open(given: &[String]) -> Result<Vec<Arc<Program>>> {
+pub(super) fn open(global: &Global, given: &[String]) -> Result<Vec<Arc<Program>>> {
     if given.is_empty() {
         return Ok(Vec::new());
     }
@@ -73,7 +74,19 @@ pub(super) fn open(given: &[String]) -> Result<Vec<Arc<Program>>> {
         modules: Some(&modules),
         python: &|environment| python_with(&root, environment),
     };
-    chosen.into_iter().map(|block| Program::open(block, &around).map(Arc::new)).collect()
+    let all = given.iter().any(|one| one == "all");
+    let opened = chosen.into_iter().map(|block| Program::open(block, &around).map(Arc::new));
+    let mut opened = opened.collect::<Result<Vec<_>>>()?;
+    if all {
+        // Who asks for all means all that there are.
+        for program in &opened {
+            if let Some(failure) = program.not_available() {
+                global.say(format!("left out: {}", failure.reason));
+            }
+        }
+        opened.retain(|program| program.not_available().is_none());
+    }
+    Ok(opened)
 }
 
 fn find(name: &str) -> Result<Vec<Block>> {

@@ -13,13 +13,16 @@ pub(super) struct Options {
     /// Set up another environment, with Ray: for `render --ray`, and for the cluster's machines.
     #[arg(long)]
     ray: bool,
-    /// Set up another environment, with OpenCV and scikit-image: what `cargo bench` times our detectors
-    /// beside.
+    /// Set up another environment, with OpenCV and scikit-image: for their algorithms (`cornerbench list programs`), and
+    /// for what `cargo bench` times our detectors beside.
     #[arg(long)]
     peers: bool,
     /// Set up what --peers does, and kornia: on Linux its PyTorch takes 5 GB.
     #[arg(long)]
     kornia: bool,
+    /// Set up another environment, with onnxruntime: for learned detectors (`cornerbench list programs`).
+    #[arg(long)]
+    onnx: bool,
 }
 
 pub(super) fn run(global: &Global, options: &Options) -> Result<Ended> {
@@ -28,6 +31,7 @@ pub(super) fn run(global: &Global, options: &Options) -> Result<Ended> {
         Options { ray: true, .. } => Purpose::Ray,
         Options { peers: true, .. } => Purpose::Peers,
         Options { kornia: true, .. } => Purpose::Kornia,
+        Options { onnx: true, .. } => Purpose::Onnx,
         _ => Purpose::Rendering,
     };
     let program = python(&project::root()?, purpose, &|line| global.say(line))?;

@@ -49,7 +49,7 @@ fn algorithm(global: &Global, name: &str) -> Result<Ended> {
         tried.push(refiner(name, &[])?);
     }
     if tried.is_empty() {
-        tried = of_programs(&open(name)?)?;
+        tried = of_programs(&open(global, name)?)?;
     }
     let is_well = |one: &Tried| one.findings.iter().all(|finding| finding.passed != Some(false));
     let passed = tried.iter().all(is_well);
@@ -65,8 +65,8 @@ fn algorithm(global: &Global, name: &str) -> Result<Ended> {
 }
 
 /// Starts a program, or says what might have been meant.
-fn open(name: &str) -> Result<Vec<Arc<Program>>> {
-    programs::open(&[name.to_owned()]).map_err(|error| match error {
+fn open(global: &Global, name: &str) -> Result<Vec<Arc<Program>>> {
+    programs::open(global, &[name.to_owned()]).map_err(|error| match error {
         Error::UnknownName { found, known, .. } => {
             let own = DETECTORS.iter().map(|entry| entry.name);
             let own = own.chain(REFINERS.iter().map(|entry| entry.name)).map(str::to_owned);

@@ -523,7 +523,8 @@ impl Program {
     }
 
     fn with_hint(&self, reason: String) -> String {
-        if self.block.install.is_empty() {
+        // A missing environment is said with the way to it.
+        if self.block.install.is_empty() || reason.ends_with(&self.block.install) {
             reason
         } else {
             format!("{reason}; to install it: {}", self.block.install)

@@ -541,3 +541,116 @@ fn a_file_of_answers_says_of_each_photograph_something_that_can_be_true() {
         assert!(stderr(&done).contains(words), "{row}: {}", stderr(&done));
     }
 }
+
+/// Something that `verify` tried, whether it passed, and its words.
+type Tried = (String, Option<bool>, String);
+
+/// What `verify` finds of a refiner with a habit, with its exit code.
+fn verified(habit: &str) -> (Option<i32>, Vec<Tried>) {
+    let bench = Bench::new();
+    let program = project().join("tests/programs/habits.py");
+    let command = [python().to_owned(), program, PathBuf::from(habit)];
+    let command = serde_json::json!(command.map(|word| word.display().to_string()));
+    let file = bench.table("habit", &format!("does = 'refine'\ncommand = {command}"));
+    let output = run(cornerbench().args(["verify", "--json"]).arg(&file));
+    let said: Value =
+        serde_json::from_str(&stdout(&output)).unwrap_or_else(|_| panic!("{}", stderr(&output)));
+    let findings = said[0]["findings"].as_array().expect("findings").iter();
+    let findings = findings.map(|finding| {
+        let text = |key: &str| finding[key].as_str().expect("a text").to_owned();
+        (text("what"), finding["passed"].as_bool(), text("words"))
+    });
+    (output.status.code(), findings.collect())
+}
+
+#[test]
+fn verify_says_what_a_refiner_gets_wrong_and_what_to_do_about_it() {
+    let (code, findings) = verified("none");
+    assert_eq!(code, Some(0), "{findings:?}");
+    for (habit, what, words) in [
+        ("pixel's corner", "coordinates", "as if counted from the pixel's corner: subtract 0.5"),
+        ("from one", "coordinates", "as if counted from 1: subtract 1"),
+        ("swapped", "coordinates", "x and y look swapped"),
+        ("random", "the same twice", "no random numbers without a seed"),
+        ("sorted", "order of seeds", "give one for each seed, in their order"),
+        ("grid", "moved", "not on where or how bright they are"),
+        ("bright", "gain", "not on where or how bright they are"),
+        ("crash on small pictures", "next to nothing", "index 3 is out of bounds (habits.py:"),
+    ] {
+        let (code, findings) = verified(habit);
+        assert_eq!(code, Some(1), "{habit}: {findings:?}");
+        let found = findings.iter().find(|(name, ..)| name == what).expect("tried");
+        assert_eq!(found.1, Some(false), "{habit}: {findings:?}");
+        assert!(found.2.contains(words), "{habit}: {}", found.2);
+    }
+}
+
+#[test]
+fn verify_finds_nothing_wrong_with_own_algorithms() {
+    for name in [
+        "corner_sub_pix",
+        "junction_fit",
+        "edge_intersection",
+        "harris",
+        "line_junctions",
+        "foerstner",
+    ] {
+        let output = run(cornerbench().args(["verify", name]));
+        assert_eq!(output.status.code(), Some(0), "{name}: {}", stdout(&output));
+        assert!(stdout(&output).contains("coordinates"), "{}", stdout(&output));
+    }
+    let output = run(cornerbench().args(["verify", "corner_sub_pics"]));
+    assert_eq!(output.status.code(), Some(2));
+    assert!(stderr(&output).contains("did you mean \"corner_sub_pix\""), "{}", stderr(&output));
+}
+
+/// Calls cornerSubPix on the photographs that `expose` wrote, from the seeds that records have.
+const DIRECTLY: &str = "
+import sys, cv2, numpy, pandas
+records, photographs = sys.argv[1:]
+rows = pandas.read_parquet(records).query(\"method == 'given' and kind == 'corner' and status == 'ok'\")
+wrong = 0
+for scene, of_scene in rows.groupby('scene'):
+    rgb = cv2.imread(f'{photographs}/{scene}/exposure-0.png', cv2.IMREAD_UNCHANGED)[:, :, ::-1].astype(float)
+    grey = numpy.floor(rgb @ [0.299, 0.587, 0.114] + 0.5).astype(numpy.uint8)
+    seeds = of_scene[['detected_x_px', 'detected_y_px']].to_numpy().astype(numpy.float32)
+    criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 40, 1e-3)
+    moved = cv2.cornerSubPix(grey, seeds.reshape(-1, 1, 2).copy(), (5, 5), (-1, -1), criteria).reshape(-1, 2)
+    answered = of_scene[['refined_x_px', 'refined_y_px']].to_numpy()
+    wrong += int((moved.astype(float) != answered).any(axis=1).sum())
+print(len(rows), wrong)
+";
+
+#[test]
+fn opencv_through_the_adapter_answers_as_opencv_called_directly_to_the_last_bit() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let (recipes_folder, output) = (folder.path().join("recipes"), folder.path().join("run"));
+    copy_folder(&recipes(), &recipes_folder);
+    let plan = "camera = 'ideal'\n[[pipelines]]\nname = 'given'\nseeds.disc_px = 1.5\nrefine = 'opencv-corner_sub_pix'\n";
+    fs::write(recipes_folder.join("plans/own.toml"), plan).expect("written");
+    python();
+    let mut measure = cornerbench();
+    measure.args([
+        "measure",
+        "own",
+        "--quiet",
+        "--no-timing",
+        "--with",
+        "opencv-corner_sub_pix",
+        "--recipes",
+    ]);
+    succeed(measure.arg(&recipes_folder).arg(plain_dataset()).arg("-o").arg(&output));
+    let photographs = folder.path().join("photographs");
+    let mut expose = cornerbench();
+    expose.args(["expose", "--camera", "ideal", "--quiet", "--recipes"]).arg(&recipes_folder);
+    succeed(expose.arg(plain_dataset()).arg("-o").arg(&photographs));
+    let said = succeed(
+        Command::new(python())
+            .args(["-c", DIRECTLY])
+            .arg(output.join("records.parquet"))
+            .arg(photographs),
+    );
+    let numbers: Vec<usize> =
+        said.split_whitespace().map(|word| word.parse().expect("a number")).collect();
+    assert!(numbers[0] >= 8 && numbers[1] == 0, "{said}");
+}
