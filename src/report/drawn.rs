@@ -204,13 +204,8 @@ impl Collected {
 
     fn summary(&self) -> DrawnMethod {
         let Self { method, detector, seed_disc_px, missed, false_answers, answers, places } = self;
-        let is_of_seeds = |word: &&str| {
-            let is_disc = word.starts_with("disc_px=");
-            detector.as_ref().map_or(is_disc, |detector| *word == detector.as_str())
-        };
-        let words: Vec<&str> = method.split('-').filter(|word| !is_of_seeds(word)).collect();
         DrawnMethod {
-            series: if words.is_empty() { method.clone() } else { words.join("-") },
+            series: series(method, detector.as_deref()),
             detector: detector.clone(),
             method: method.clone(),
             seed_disc_px: *seed_disc_px,
@@ -218,6 +213,42 @@ impl Collected {
             false_answers: *false_answers,
             refined: Refined::of(&answers.all),
             lock: places.as_ref().and_then(Places::lock),
+        }
+    }
+}
+
+/// A method's name without where its seeds come from: a disc, or a detector, whose name may have several parts.
+fn series(method: &str, detector: Option<&str>) -> String {
+    let parts: Vec<&str> = method.split('-').collect();
+    let seeds: Vec<&str> = detector.map_or(Vec::new(), |detector| detector.split('-').collect());
+    let is_disc = |part: &str| detector.is_none() && part.starts_with("disc_px=");
+    let begin = parts.windows(seeds.len().max(1)).position(|some| some == seeds);
+    let is_detector =
+        |place: usize| begin.is_some_and(|begin| (begin..begin + seeds.len()).contains(&place));
+    let others = (0..parts.len()).filter(|place| !is_detector(*place) && !is_disc(parts[*place]));
+    let others: Vec<&str> = others.map(|place| parts[place]).collect();
+    if others.is_empty() { method.to_owned() } else { others.join("-") }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_series_has_the_name_of_its_method_without_where_seeds_come_from() {
+        for (method, detector, wanted) in [
+            (
+                "harris-corner_sub_pix-half_window_px=5",
+                Some("harris"),
+                "corner_sub_pix-half_window_px=5",
+            ),
+            ("found-opencv-lsd-none", Some("opencv-lsd"), "found-none"),
+            ("given-disc_px=2-junction_fit", None, "given-junction_fit"),
+            ("junction_fit", None, "junction_fit"),
+            ("harris", Some("harris"), "harris"),
+            ("opencv-fast", Some("opencv-lsd"), "opencv-fast"),
+        ] {
+            assert_eq!(series(method, detector), wanted);
         }
     }
 }

@@ -11,7 +11,9 @@ use crate::report::{Content, Notes, Report, agreement};
 /// The summary as text; its tables fit the terminal, where standard output is one.
 pub fn tables(report: &Report) -> String {
     let mut text = match &report.content {
-        Content::Rendered(summary, notes) => of_rendered(summary, notes),
+        Content::Rendered(summary, notes) => {
+            of_rendered(summary, notes, !report.run.programs.is_empty())
+        }
         Content::Drawn(summary) => of_drawn(summary),
     };
     for FailureCount { method, status, count, reason } in &report.run.failures {
@@ -33,7 +35,7 @@ fn of_drawn(summary: &DrawnSummary) -> String {
     text
 }
 
-fn of_rendered(summary: &Summary, notes: &Notes) -> String {
+fn of_rendered(summary: &Summary, notes: &Notes, has_programs: bool) -> String {
     let mut text = String::new();
     text.extend(notes.unknown.iter().map(|sentence| format!("{sentence}\n")));
     for agreement in &summary.agreements {
@@ -66,6 +68,11 @@ fn of_rendered(summary: &Summary, notes: &Notes) -> String {
              corner's angle; failed: declined or more than 1 px off; NEES: squared error \
              over the refiner's own covariance, 2 is right; clear: nothing before the corner within 20 px\n",
         );
+        if has_programs {
+            text.push_str(
+                "times of other programs are by their own clock, + what asking them took\n",
+            );
+        }
     }
     text.extend(notes.shifts(summary).iter().map(|shift| format!("! {shift}\n")));
     for contest in words::contests(summary) {

@@ -654,3 +654,14 @@ fn opencv_through_the_adapter_answers_as_opencv_called_directly_to_the_last_bit(
         said.split_whitespace().map(|word| word.parse().expect("a number")).collect();
     assert!(numbers[0] >= 8 && numbers[1] == 0, "{said}");
 }
+
+#[test]
+fn the_crate_chess_corners_takes_part_and_finds_xs() {
+    let build = "build --release --locked --quiet --manifest-path scripts/external/chess_corners/Cargo.toml --target-dir \
+                 target/external";
+    succeed(Command::new(env!("CARGO")).current_dir(project()).args(build.split_whitespace()));
+    let said = succeed(cornerbench().args(["verify", "chess_corners-chess"]));
+    assert!(said.contains("chess_corners-chess 1 (chess-corners 2."), "{said}");
+    // Of three kinds one is its own.
+    assert!(said.contains("32 of 96 corners"), "{said}");
+}
