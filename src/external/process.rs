@@ -1,7 +1,8 @@
 //! A program that is sent lines and answers with lines, each within a time; it ends with all that it started.
 //!
 //! Who asks reads and writes by itself, as every thread between would cost the program's turn a tenth of a millisecond. A
-//! guard ends the program at its deadline: then reading ends, too.
+//! guard ends the program at its deadline: then reading ends, too, even where something that it started cannot be ended and
+//! has its pipes still.
 
 use std::collections::VecDeque;
 use std::ffi::OsString;
@@ -24,6 +25,10 @@ pub(super) const LONGEST_LINE: usize = 32 << 20;
 const REMEMBERED: usize = 4096;
 /// How long a program that was told to end may take.
 const ENDING: Duration = Duration::from_secs(5);
+/// How long the guard may take to end a program.
+const GRACE: Duration = Duration::from_millis(200);
+/// So many bytes a pipe takes at once when it takes any.
+const PART: usize = 4096;
 /// How often the guard looks at the clock.
 const TICK: Duration = Duration::from_millis(5);
 /// The variable by which everything is found that a program started, wherever it has gone.
@@ -106,19 +111,27 @@ impl Process {
     pub fn ask(&mut self, mut line: Vec<u8>, limit: Duration) -> Result<Vec<u8>, NoLine> {
         line.push(b'\n');
         self.guard.set(Some(limit));
-        if let Some(input) = &mut self.input {
+        let deadline = Instant::now() + limit;
+        for part in line.chunks(PART) {
             // Where it has ended nobody takes the line, and its output says so.
-            let _ = input.write_all(&line).and_then(|()| input.flush());
+            let Some(input) = &mut self.input else { break };
+            if !pipe::takes(input, deadline) || input.write_all(part).is_err() {
+                break;
+            }
         }
-        self.line(limit)
+        self.line_until(deadline)
     }
 
     /// Waits for its next line.
     pub fn line(&mut self, limit: Duration) -> Result<Vec<u8>, NoLine> {
         self.guard.set(Some(limit));
+        self.line_until(Instant::now() + limit)
+    }
+
+    fn line_until(&mut self, deadline: Instant) -> Result<Vec<u8>, NoLine> {
         let mut line = Vec::new();
         let read = match &mut self.output {
-            Some(output) => read_line(output, &mut line),
+            Some(output) => read_line(output, &mut line, deadline + GRACE),
             None => Read::Ended,
         };
         self.guard.set(None);
@@ -138,7 +151,13 @@ impl Process {
         self.input = None;
         self.guard.set(Some(ENDING));
         // What it still says answers no question.
-        let _ = self.output.as_mut().map(|output| std::io::copy(output, &mut std::io::sink()));
+        let deadline = Instant::now() + ENDING;
+        while let Some(output) = &mut self.output {
+            let mut line = Vec::new();
+            if matches!(read_line(output, &mut line, deadline + GRACE), Read::Ended) {
+                break;
+            }
+        }
         let status = self.wait(ENDING);
         self.guard.set(None);
         match status.filter(|_| !self.guard.has_ended_it()) {
@@ -260,6 +279,51 @@ fn end_marked(mark: &std::ffi::OsStr) {
 #[cfg(not(target_os = "linux"))]
 fn end_marked(_: &std::ffi::OsStr) {}
 
+/// Pipes that are not waited for any longer than until a time.
+#[cfg(unix)]
+mod pipe {
+    use std::os::fd::AsFd;
+    use std::time::Instant;
+
+    use rustix::event::{PollFd, PollFlags, Timespec, poll};
+
+    /// Whether something can be read, or never again.
+    pub(super) fn gives(pipe: &impl AsFd, deadline: Instant) -> bool {
+        is_ready(pipe, PollFlags::IN, deadline)
+    }
+
+    /// Whether something can be written, or never again.
+    pub(super) fn takes(pipe: &impl AsFd, deadline: Instant) -> bool {
+        is_ready(pipe, PollFlags::OUT, deadline)
+    }
+
+    fn is_ready(pipe: &impl AsFd, what: PollFlags, deadline: Instant) -> bool {
+        loop {
+            let left = deadline.saturating_duration_since(Instant::now());
+            let left = Timespec::try_from(left).ok();
+            match poll(&mut [PollFd::new(pipe, what)], left.as_ref()) {
+                Ok(count) => return count > 0,
+                Err(rustix::io::Errno::INTR) => {}
+                Err(_) => return false,
+            }
+        }
+    }
+}
+
+/// Where a job ends with everything in it no pipe is left.
+#[cfg(not(unix))]
+mod pipe {
+    use std::time::Instant;
+
+    pub(super) fn gives<T>(_: &T, _: Instant) -> bool {
+        true
+    }
+
+    pub(super) fn takes<T>(_: &T, _: Instant) -> bool {
+        true
+    }
+}
+
 fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
@@ -279,8 +343,11 @@ enum Read {
 }
 
 /// Reads a line without its end, no longer than [`LONGEST_LINE`].
-fn read_line(output: &mut impl BufRead, line: &mut Vec<u8>) -> Read {
+fn read_line(output: &mut BufReader<ChildStdout>, line: &mut Vec<u8>, deadline: Instant) -> Read {
     loop {
+        if output.buffer().is_empty() && !pipe::gives(output.get_ref(), deadline) {
+            return Read::Ended;
+        }
         let bytes = match output.fill_buf() {
             Ok([]) | Err(_) => return Read::Ended,
             Ok(bytes) => bytes,

@@ -239,6 +239,17 @@ fn everything_that_a_program_started_ends_with_it() {
 }
 
 #[test]
+fn a_child_that_cannot_be_ended_and_has_the_pipes_is_not_waited_for() {
+    let bench = Bench::new();
+    let begun = Instant::now();
+    let found = outcome(&bench, &bench.faulty("hidden_child", ""));
+    assert_eq!(found.failures.len(), 2, "{:?}", found.failures);
+    assert_eq!(found.answered, CORNERS - 2);
+    // Twice a second that was allowed; each child has six.
+    assert!(begun.elapsed() < Duration::from_secs(5), "{:?}", begun.elapsed());
+}
+
+#[test]
 fn a_program_that_does_not_greet_is_not_waited_for() {
     let bench = Bench::new();
     let found = outcome(&bench, &bench.faulty("hang_at_start", "start_limit_s = 1"));

@@ -64,6 +64,13 @@ for number, line in enumerate(sys.stdin, 1):
         if fault == "crash_with_children":
             child_that_stays(start_new_session=True)
             os._exit(7)
+        if fault == "hidden_child":
+            # Without its mark, in a session of its own, and with all pipes: nobody ends it, and nobody waits for it.
+            note("starts", "one")
+            environment = {key: value for key, value in os.environ.items() if "CORNER" not in key}
+            sleep = [sys.executable, "-c", "import time; time.sleep(6)"]
+            subprocess.Popen(sleep, env=environment, start_new_session=True)
+            os._exit(7)
         if fault == "no_newline":
             print(json.dumps(answer), end="", flush=True)
             time.sleep(300)
