@@ -18,6 +18,8 @@ TABLES = {
     name: table
     for file in sorted(EXTERNAL.glob("*.toml"))
     for name, table in tomllib.loads(file.read_text()).items()
+    # Programs that are compiled are tried where they are.
+    if table["command"][0].startswith("{python")
 }
 PACKAGES = {"opencv": "cv2", "scikit_image": "skimage", "kornia": "kornia", "onnx": "onnxruntime"}
 DETECTORS = [

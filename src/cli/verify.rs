@@ -12,7 +12,7 @@ use super::{Ended, Global, print_line, programs};
 use crate::contract::{Finding, try_detector, try_refiner};
 use crate::detect::DETECTORS;
 use crate::error::{Error, Result};
-use crate::external::{Program, Task};
+use crate::external::{Program, Task, is_answer_file};
 use crate::plan::AnyStage;
 use crate::refine::REFINERS;
 
@@ -47,6 +47,11 @@ fn algorithm(global: &Global, name: &str) -> Result<Ended> {
     }
     if REFINERS.iter().any(|entry| entry.name == name) {
         tried.push(refiner(name, &[])?);
+    }
+    if is_answer_file(Path::new(name)) {
+        return Err(Error::Other(format!(
+            "{name}: is a file of corners, of which nothing can be tried; measure it: cornerbench measure PLAN DATASET --with {name}"
+        )));
     }
     if tried.is_empty() {
         tried = of_programs(&open(global, name)?)?;

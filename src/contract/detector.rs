@@ -52,6 +52,12 @@ pub fn try_detector(detector: &AnyStage<dyn Detector>) -> Result<Vec<Finding>> {
             .collect()
     };
     let (plain, turned) = (pairs(&<[Detection]>::to_vec), pairs(&swapped));
+    if plain.is_empty() && turned.is_empty() {
+        let words = format!(
+            "none of {all} corners (L, Y and X) is found within {GATE_PX} px: nothing can be told of it"
+        );
+        return Ok(vec![Finding::tried("answers", Err(words))]);
+    }
     let errors_px = plain.iter().map(|[corner, found]| corner.distance_px(*found)).collect();
     let mut findings = vec![Finding::told(
         "answers",

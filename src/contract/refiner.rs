@@ -81,6 +81,11 @@ fn of_answers(asked: &[(&Picture, Vec<Detection>)], answers: &[Vec<Corner>]) -> 
         .filter(|(_, corner)| corner.status.answered())
         .map(|(truth, corner)| truth.distance_px(corner.position))
         .collect();
+    if errors_px.is_empty() {
+        let words =
+            format!("all of {all} corners (L, Y and X) are declined: nothing can be told of it");
+        return Finding::tried("answers", Err(words));
+    }
     let near = errors_px.iter().filter(|error_px| **error_px <= 0.5).count();
     Finding::told(
         "answers",

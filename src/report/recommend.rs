@@ -211,6 +211,13 @@ pub fn recommend(
             .next()
     };
     let mut warnings = BTreeSet::new();
+    let failed: BTreeSet<&str> = gather::failed(runs).collect();
+    if !failed.is_empty() {
+        let failed = failed.into_iter().collect::<Vec<_>>().join(", ");
+        warnings.insert(format!(
+            "left out, for they had no answer to some photographs: {failed}; the run's report says why"
+        ));
+    }
     let mut choices = Vec::new();
     for (group, methods) in groups.iter().filter(|(group, _)| !is_all_there_is(group)) {
         let is_control = |method: &str| {
@@ -575,6 +582,21 @@ mod tests {
         assert_eq!(stage["algorithm"].as_str(), Some("steady"));
         assert_eq!((stage["seeds"].as_integer(), stage["k"].as_float()), (Some(60), Some(4.0)));
         assert_eq!(plan["pipelines"][0].get("target"), None);
+    }
+
+    #[test]
+    fn to_fail_does_not_pay() {
+        let mut run = measured(&[("lazy", 0.1, 0.1, 1.0), ("steady", 0.2, 0.2, 1.0)], true);
+        run.run.failures.push(crate::record::FailureCount {
+            method: "lazy".into(),
+            status: "crashed".into(),
+            count: 1,
+            reason: "ended".into(),
+        });
+        let found = recommend(&[run], None, ClassBy::Family).expect("a choice");
+        assert!(found.choices.iter().all(|choice| choice.chosen.as_deref() == Some("steady")));
+        let words = "left out, for they had no answer to some photographs: lazy";
+        assert!(found.warnings.iter().any(|warning| warning.starts_with(words)));
     }
 
     #[test]

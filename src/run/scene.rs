@@ -106,7 +106,9 @@ impl Station<'_> {
         let name = [suite, scene.name.as_str(), &text];
         let film_camera = scene.description.camera;
         let shot = Shot { name: &name, window: None };
-        let photograph = camera.expose(film, &film_camera, kernel, &shot, buffers);
+        let mut photograph = camera.expose(film, &film_camera, kernel, &shot, buffers);
+        // As a data sheet has it: only programs that say that they need it are told.
+        photograph.exposure = photograph.exposure.with_object_size(scene.description.target.size_m);
         let truth = scene.truth.seen_by(&film_camera, &photograph.camera);
         let noise_free = camera.noise_free(&photograph);
         let world_from_camera = scene.description.world_from_camera;

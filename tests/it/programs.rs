@@ -586,6 +586,7 @@ fn verify_says_what_a_refiner_gets_wrong_and_what_to_do_about_it() {
         ("sorted", "order of seeds", "give one for each seed, in their order"),
         ("grid", "moved", "not on where or how bright they are"),
         ("bright", "gain", "not on where or how bright they are"),
+        ("declines all", "answers", "all of 96 corners (L, Y and X) are declined"),
         ("crash on small pictures", "next to nothing", "index 3 is out of bounds (habits.py:"),
     ] {
         let (code, findings) = verified(habit);

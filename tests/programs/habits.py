@@ -33,6 +33,8 @@ def refine(exposure, seeds):
         if habit == "crash on small pictures":
             raise IndexError("index 3 is out of bounds")
         return [None] * len(seeds)
+    if habit == "declines all":
+        return [None] * len(seeds)
     down, right = np.gradient(image.astype(float))
     answers = np.array([located(right, down, x, y) for x, y in seeds])
     if habit == "pixel's corner":

@@ -201,11 +201,20 @@ pub(super) fn refuse_without(runs: &[Measured], split: &str, other: &str) -> Res
 /// The methods of a group.
 pub(super) type Methods = Vec<(String, Splits)>;
 
+/// The methods that had no answer to some photograph: what they missed by that costs less than wrong answers, so nobody
+/// could tell whether they are better.
+pub(super) fn failed(runs: &[Measured]) -> impl Iterator<Item = &str> {
+    runs.iter().flat_map(|one| &one.run.failures).map(|failure| failure.method.as_str())
+}
+
 /// The sums of each scene, by what is judged together and by method.
 pub(super) fn collect(runs: &[Measured], class_by: ClassBy) -> Vec<(Group, Methods)> {
     let mut found: Vec<(Group, BTreeMap<&str, Splits>)> = Vec::new();
+    let failed: Vec<&str> = failed(runs).collect();
     let rows = runs.iter().flat_map(|one| &one.tally.rows);
-    for (heading, added) in rows.filter(|(heading, _)| heading.is_judged) {
+    let is_wanted =
+        |heading: &Heading| heading.is_judged && !failed.contains(&heading.method.as_str());
+    for (heading, added) in rows.filter(|(heading, _)| is_wanted(heading)) {
         let scene = format!("{}/{}", heading.suite, heading.scene);
         for class in [Some(ALL), class_by.of(heading)].into_iter().flatten() {
             let group = Group {
