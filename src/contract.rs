@@ -10,7 +10,8 @@ mod refiner;
 use serde::Serialize;
 
 use crate::error::Result;
-use crate::geometry::ImagePoint;
+use crate::geometry::{ImagePoint, shift_words};
+use crate::stats::{mean, root_mean_square, standard_error};
 
 pub use detector::try_detector;
 pub use refiner::try_refiner;
@@ -47,67 +48,55 @@ impl Finding {
     }
 }
 
-/// What another origin of coordinates, or their order, makes of answers.
-///
-/// # Errors
-/// What is wrong, and how it is put right.
-fn convention(pairs: &[[ImagePoint; 2]]) -> std::result::Result<String, String> {
-    let rms_px = |turn: fn(ImagePoint) -> ImagePoint| {
-        let squares = pairs.iter().map(|[truth, answer]| truth.distance_px(turn(*answer)).powi(2));
-        (squares.sum::<f64>() / pairs.len() as f64).sqrt()
+/// What another origin of coordinates, or their order, makes of answers: pairs of a corner and its answer.
+fn convention(pairs: &[[ImagePoint; 2]]) -> Finding {
+    const WHAT: &str = "coordinates";
+    let distances_px = |turn: fn(ImagePoint) -> ImagePoint| -> Vec<f64> {
+        pairs.iter().map(|[truth, answer]| truth.distance_px(turn(*answer))).collect()
     };
-    if pairs.len() < 8 {
-        return Ok(format!("{} answers are too few to tell", pairs.len()));
-    }
-    let (plain_px, swapped_px) = (rms_px(|p| p), rms_px(|p| ImagePoint::new(p.y, p.x)));
+    let errors_px = |of: fn(&ImagePoint) -> f64| -> Vec<f64> {
+        pairs.iter().map(|[truth, answer]| of(answer) - of(truth)).collect()
+    };
+    let (plain, swapped) = (distances_px(|p| p), distances_px(|p| ImagePoint::new(p.y, p.x)));
+    let (x, y) = (errors_px(|p| p.x), errors_px(|p| p.y));
+    let (Some(plain_px), Some(swapped_px), Some([x_px, x_error]), Some([y_px, y_error])) =
+        (root_mean_square(&plain), root_mean_square(&swapped), located(&x), located(&y))
+    else {
+        return Finding::told(WHAT, format!("{} answers are too few to tell", pairs.len()));
+    };
     if swapped_px < 0.2 * plain_px {
-        return Err(format!(
-            "x and y look swapped: answers are {plain_px:.1} px off, and {swapped_px:.2} px the other way round; give x, \
-             to the right, before y, downwards (rows of an array are y)"
-        ));
+        return Finding::tried(
+            WHAT,
+            Err(format!(
+                "x and y look swapped: answers are {plain_px:.1} px off, and {swapped_px:.2} px the other way round; {SWAPPED}"
+            )),
+        );
     }
-    let errors = pairs.iter().map(|[truth, answer]| [answer.x - truth.x, answer.y - truth.y]);
-    let (x, x_error) = mean(errors.clone().map(|[x, _]| x));
-    let (y, y_error) = mean(errors.map(|[_, y]| y));
     let words = format!(
-        "answers are shifted by ({x:+.3}, {y:+.3}) px on average, +- ({x_error:.3}, {y_error:.3})"
+        "answers are shifted by ({x_px:+.3}, {y_px:+.3}) px on average, +- ({x_error:.3}, {y_error:.3})"
     );
-    let is_at =
-        |value: f64, by_px: f64, error: f64| (value - by_px).abs() < 0.15_f64.max(3.0 * error);
-    let known = [
-        (
-            0.5,
-            "they look shifted by (+0.5, +0.5), as if counted from the pixel's corner: subtract 0.5 from x and y",
-        ),
-        (-0.5, "they look shifted by (-0.5, -0.5): half a pixel is taken off once too often"),
-        (1.0, "they look shifted by (+1, +1), as if counted from 1: subtract 1 from x and y"),
-        (-1.0, "they look shifted by (-1, -1): 1 is taken off once too often"),
-    ];
-    if is_at(x, 0.0, x_error) && is_at(y, 0.0, y_error) {
-        return Ok(words);
-    }
-    match known.iter().find(|(by_px, _)| is_at(x, *by_px, x_error) && is_at(y, *by_px, y_error)) {
-        Some((_, advice)) => {
-            Err(format!("{words}; {advice}. The centre of the top-left pixel is (0, 0)"))
-        }
-        None => Err(format!(
-            "{words}, over corners turned all ways; the centre of the top-left pixel is (0, 0), x to the right"
-        )),
-    }
+    let near_px = [x_error, y_error].map(|error| 0.15_f64.max(3.0 * error));
+    let is_none = x_px.abs() < near_px[0] && y_px.abs() < near_px[1];
+    Finding::tried(
+        WHAT,
+        match shift_words([x_px, y_px], near_px) {
+            _ if is_none => Ok(words),
+            Some(advice) => {
+                Err(format!("{words}; {advice}. The centre of the top-left pixel is (0, 0)"))
+            }
+            None => Err(format!(
+                "{words}, over corners turned all ways; the centre of the top-left pixel is (0, 0), x to the right"
+            )),
+        },
+    )
 }
 
-/// The mean of values and its standard error.
-fn mean(values: impl Iterator<Item = f64> + Clone) -> (f64, f64) {
-    let count = values.clone().count() as f64;
-    let mean = values.clone().sum::<f64>() / count;
-    let variance = values.map(|value| (value - mean).powi(2)).sum::<f64>() / (count - 1.0).max(1.0);
-    (mean, (variance / count).sqrt())
-}
+/// What to do about coordinates the wrong way round.
+const SWAPPED: &str = "give x, to the right, before y, downwards (rows of an array are y)";
 
-/// The middle one of values, 0 of none.
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(0.0)
+/// The mean of values and its standard error, of no fewer than eight.
+fn located(values: &[f64]) -> Option<[f64; 2]> {
+    Some([mean(values)?, standard_error(values)?]).filter(|_| values.len() >= 8)
 }
 
 /// Pictures for all that is tried.

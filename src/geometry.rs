@@ -14,7 +14,7 @@ use nalgebra::{
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-pub use origin::Origin;
+pub use origin::{Origin, shift_words};
 
 /// A rigid motion; a value named `a_from_b` takes coordinates in b to coordinates in a.
 pub type Pose = Isometry3<f64>;

@@ -504,8 +504,27 @@ pub struct FailureCount {
     pub status: String,
     /// Photographs, and ends of the program.
     pub count: usize,
+    /// The scenes, each once; of an end of the program none.
+    pub scenes: Vec<String>,
     /// Why, the first time.
     pub reason: String,
+}
+
+impl FailureCount {
+    /// In a sentence.
+    pub fn words(&self) -> String {
+        let Self { method, status, count, scenes, reason } = self;
+        let times = if *count == 1 { "once".to_owned() } else { format!("{count} times") };
+        let shown: Vec<&str> = scenes.iter().take(3).map(String::as_str).collect();
+        let more = scenes.len().saturating_sub(shown.len());
+        let more = if more > 0 { format!(" and {more} more") } else { String::new() };
+        let of = if shown.is_empty() {
+            String::new()
+        } else {
+            format!(" of {}{more}", shown.join(", "))
+        };
+        format!("{method} had no answer {times}{of} ({status}): {reason}")
+    }
 }
 
 /// What is known of pictures of one's own; stands in RUN/run.json.

@@ -1,12 +1,13 @@
 //! What a detector promises.
 
 use super::pictures::{Motion, Picture, degenerate};
-use super::{Finding, GATE_PX, SAME_PX, convention, median, pictures};
+use super::{Finding, GATE_PX, SAME_PX, SWAPPED, convention, pictures};
 use crate::detect::{Detection, Detector};
 use crate::error::Result;
 use crate::geometry::ImagePoint;
 use crate::plan::AnyStage;
 use crate::sensor::Exposure;
+use crate::stats::median;
 
 type Found = std::result::Result<Vec<Detection>, String>;
 
@@ -58,29 +59,27 @@ pub fn try_detector(detector: &AnyStage<dyn Detector>) -> Result<Vec<Finding>> {
         );
         return Ok(vec![Finding::tried("answers", Err(words))]);
     }
-    let errors_px = plain.iter().map(|[corner, found]| corner.distance_px(*found)).collect();
+    let errors_px = plain.iter().map(|[corner, found]| corner.distance_px(*found));
+    let errors_px: Vec<f64> = errors_px.collect();
     let mut findings = vec![Finding::told(
         "answers",
         format!(
             "{} of {all} corners (L, Y and X, blur 0.7 px, no noise) are found within {GATE_PX} px, median error {:.2} px; {count} \
              answers in all",
             plain.len(),
-            median(errors_px)
+            median(&errors_px).unwrap_or_default()
         ),
     )];
-    findings.push(Finding::tried(
-        "coordinates",
-        if turned.len() > 2 * plain.len() {
-            Err(format!(
-                "x and y look swapped: {} corners are found, and {} the other way round; give x, to the right, before y, \
-                 downwards (rows of an array are y)",
-                plain.len(),
-                turned.len()
-            ))
-        } else {
-            convention(&plain)
-        },
-    ));
+    findings.push(if turned.len() > 2 * plain.len() {
+        let words = format!(
+            "x and y look swapped: {} corners are found, and {} the other way round; {SWAPPED}",
+            plain.len(),
+            turned.len()
+        );
+        Finding::tried("coordinates", Err(words))
+    } else {
+        convention(&plain)
+    });
     let ascending = answers
         .iter()
         .flat_map(|found| found.windows(2))

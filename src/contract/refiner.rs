@@ -1,7 +1,7 @@
 //! What a refiner promises.
 
 use super::pictures::{Motion, Picture, SIZE_PX, degenerate, edge};
-use super::{Finding, GATE_PX, SAME_PX, convention, median, pictures};
+use super::{Finding, GATE_PX, SAME_PX, convention, pictures};
 use crate::detect::Detection;
 use crate::error::Result;
 use crate::geometry::ImagePoint;
@@ -9,6 +9,7 @@ use crate::plan::AnyStage;
 use crate::random::Stream;
 use crate::refine::{Corner, Refiner};
 use crate::sensor::Exposure;
+use crate::stats::median;
 
 /// How far seeds are from their corners \[px\].
 const SEEDS_PX: f64 = 1.0;
@@ -39,7 +40,7 @@ pub fn try_refiner(refiner: &AnyStage<dyn Refiner>) -> Result<Vec<Finding>> {
         .filter(|(_, corner)| corner.status.answered())
         .map(|(truth, corner)| [*truth, corner.position])
         .collect();
-    findings.push(Finding::tried("coordinates", convention(&pairs)));
+    findings.push(convention(&pairs));
     let (picture, seeds) = &asked[0];
     let first = &answers[0];
     findings.push(Finding::tried("the same twice", again(refine(&picture.exposure, seeds), first)));
@@ -93,7 +94,7 @@ fn of_answers(asked: &[(&Picture, Vec<Detection>)], answers: &[Vec<Corner>]) -> 
             "{} of {all} corners (L, Y and X, blur 0.7 px, no noise, seeds {SEEDS_PX} px off), {near} of them within 0.5 px, \
              median error {:.3} px",
             errors_px.len(),
-            median(errors_px)
+            median(&errors_px).unwrap_or_default()
         ),
     )
 }
@@ -154,12 +155,15 @@ fn follows(
     let off = distances.iter().filter(|far| **far > SAME_PX).count();
     let most_px = distances.iter().copied().fold(0.0, f64::max);
     let words = format!(
-        "{}: {} of {} answers follow, median {:.4} px, at most {most_px:.3} px; {changed} more are declined in one of the two",
+        "{}: {} of {} answers follow to {SAME_PX} px, median {:.4} px, at most {most_px:.3} px; {changed} more are declined in one of the two",
         motion.words,
         distances.len() - off,
         distances.len(),
-        median(distances.clone())
+        median(&distances).unwrap_or_default()
     );
+    if distances.is_empty() {
+        return Err(format!("{}: no corner is answered both before and after", motion.words));
+    }
     // One in eight may be at a watershed.
     if 8 * (off + changed) <= before.len() {
         Ok(words)

@@ -19,6 +19,21 @@ pub enum Origin {
     Matlab,
 }
 
+/// What answers look like that are off by so much \[px\], where another origin explains it to `near_px` in x and in y.
+pub fn shift_words([dx, dy]: [f64; 2], near_px: [f64; 2]) -> Option<&'static str> {
+    const KNOWN: [(f64, &str); 4] = [
+        (
+            0.5,
+            "answers look shifted by (+0.5, +0.5) px: they count from the pixel's corner; subtract 0.5 from x and y",
+        ),
+        (-0.5, "answers look shifted by (-0.5, -0.5) px: half a pixel is taken off once too often"),
+        (1.0, "answers look shifted by (+1, +1) px: they count from 1; subtract 1 from x and y"),
+        (-1.0, "answers look shifted by (-1, -1) px: 1 is taken off once too often"),
+    ];
+    let explains = |by_px: f64| (dx - by_px).abs() < near_px[0] && (dy - by_px).abs() < near_px[1];
+    KNOWN.into_iter().find_map(|(by_px, words)| explains(by_px).then_some(words))
+}
+
 impl Origin {
     /// All of them.
     pub const ALL: [Self; 3] = [Self::PixelCentre, Self::PixelCorner, Self::Matlab];

@@ -45,6 +45,8 @@ pub struct Compared {
     pub failed_more: Option<Estimate>,
     /// How often that is as far from 0 by chance, after Holm's correction.
     pub p_of_failed: Option<f64>,
+    /// Photographs more to which another program gave no answer: whatever else became better, that is worse.
+    pub unanswered_more: i64,
     /// What that comes to.
     pub verdict: Verdict,
 }
@@ -104,6 +106,12 @@ impl Answered {
         })?;
         Ok(Self { run, methods })
     }
+
+    /// Photographs to which a method's other programs gave no answer.
+    fn unanswered(&self, method: &str) -> i64 {
+        let own = self.run.failures.iter().filter(|failure| failure.method == method);
+        i64::try_from(own.map(|failure| failure.count).sum::<usize>()).unwrap_or(i64::MAX)
+    }
 }
 
 /// Compares two runs, method by method.
@@ -118,6 +126,7 @@ pub fn compare(first: &Answered, second: &Answered) -> Result<Comparison> {
             first.run.suite, second.run.suite
         )));
     }
+    let (first_run, second_run) = (first, second);
     let (of_first, of_second) = (&first.methods, &second.methods);
     let label = |(camera, method): &(String, String)| format!("{method}, {camera}");
     let only = |of: &Methods, other: &Methods| {
@@ -131,7 +140,12 @@ pub fn compare(first: &Answered, second: &Answered) -> Result<Comparison> {
         let (first, second) = (by_corner(first), by_corner(second));
         let both = first.keys().filter(|key| second.contains_key(*key));
         scenes.extend(both.map(|key| key.0.to_owned()));
-        methods.push(compared_method((&name.0, &name.1), &first, &second));
+        let mut compared = compared_method((&name.0, &name.1), &first, &second);
+        compared.unanswered_more = second_run.unanswered(&name.1) - first_run.unanswered(&name.1);
+        if compared.unanswered_more > 0 {
+            compared.verdict = Verdict::Worse;
+        }
+        methods.push(compared);
     }
     if methods.is_empty() || scenes.is_empty() {
         return Err(Error::Other(format!(
@@ -188,6 +202,7 @@ fn compared_method((camera, method): (&str, &str), first: &Answers, second: &Ans
         p_of_error,
         failed_more: failed.map(|test| Estimate::of(test.mean, interval)),
         p_of_failed: failed.map(|test| test.p),
+        unanswered_more: 0,
         verdict: if is_same { Verdict::Same } else { Verdict::NotToldApart },
     }
 }
@@ -203,7 +218,8 @@ impl Compared {
             sign(self.p_of_error, self.error_ratio.map(|ratio| ratio.value.ln())),
             sign(self.p_of_failed, self.failed_more.map(|more| more.value)),
         ];
-        self.verdict = if changes.contains(&Some(Ordering::Greater)) {
+        let is_worse = changes.contains(&Some(Ordering::Greater)) || self.unanswered_more > 0;
+        self.verdict = if is_worse {
             Verdict::Worse
         } else if changes.contains(&Some(Ordering::Less)) {
             Verdict::Better
@@ -285,5 +301,14 @@ mod tests {
         let compared = verdict(&rows("a", half));
         assert_eq!(compared.verdict, Verdict::Worse);
         assert!((compared.failed_more.expect("a share").value - 0.5).abs() < 1e-9);
+    }
+
+    #[test]
+    fn photographs_without_an_answer_are_worse_however_much_better_the_rest() {
+        let mut compared = verdict(&rows("a", |scene, corner| Some(0.5 * hard(scene, corner))));
+        assert_eq!(compared.verdict, Verdict::Better);
+        compared.unanswered_more = 1;
+        compared.judge();
+        assert_eq!(compared.verdict, Verdict::Worse);
     }
 }

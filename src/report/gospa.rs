@@ -67,12 +67,14 @@ impl Cost {
 }
 
 /// How far the answer to a corner is from it \[px\]: the refiner's, or the detector's where the refiner declined. None
-/// where seeds were given and the refiner declined.
+/// where seeds were given and the refiner declined, and where it gave no answer at all.
 fn distance_px(record: &Record) -> Option<f64> {
     if is_answered(record) {
         return record.refined_error_px;
     }
-    record.detected_error_px.filter(|_| record.track != track::REFINEMENT)
+    // What a program did not answer is no answer of the detector's: else to fail could pay.
+    let is_failed = record.refine_status.as_deref() == Some("failed");
+    record.detected_error_px.filter(|_| record.track != track::REFINEMENT && !is_failed)
 }
 
 /// GOSPA over all photographs.
@@ -250,6 +252,17 @@ mod tests {
         };
         near(summarise(&[&given("singular")], |_| true).per_corner_px, CUTOFF_PX);
         near(summarise(&[&given("ok")], |_| true).per_corner_px, 0.1);
+    }
+
+    #[test]
+    fn what_a_program_did_not_answer_is_missed_where_the_detectors_position_would_count() {
+        let found = |refine_status: &str| Record {
+            refine_status: Some(refine_status.into()),
+            ..row("a", kind::CORNER, status::OK, Some(2.0))
+        };
+        near(summarise(&[&found("singular")], |_| true).per_corner_px, 2.0);
+        let lost = summarise(&[&found("failed")], |_| true).per_corner_px;
+        assert!(lost.expect("a number").value >= CUTOFF_PX);
     }
 
     #[test]

@@ -29,7 +29,7 @@ use serde_json::json;
 use crate::error::{Error, Result};
 use crate::files::{replace_folder, write_json, write_whole};
 use crate::record::{
-    Record, RunDescription, kind, read_records, read_run, read_sketch, read_timing,
+    FailureCount, Record, RunDescription, kind, read_records, read_run, read_sketch, read_timing,
 };
 use crate::report::drawn::DrawnSummary;
 use crate::report::figures::Figure;
@@ -137,7 +137,7 @@ pub fn write(folder: &Path) -> Result<Report> {
     let (mut methods, mut given) = (Vec::new(), Vec::new());
     let (mut sections, mut misses) = (Vec::new(), Vec::new());
     records.for_each_method(|rows| {
-        let method = summarise_method(rows, &cameras, run.gate_px);
+        let method = summarise_method(rows, &cameras, run.gate_px).with_failures(&run.failures);
         sections.extend(grasp_sections(folder, &report, &method, rows)?);
         if is_choice {
             misses.push(draw_misses(folder, &report, &method, rows)?);
@@ -167,6 +167,7 @@ pub fn write(folder: &Path) -> Result<Report> {
         .collect();
     let content = json!({
         "run": run,
+        "failures": run.failures.iter().map(FailureCount::words).collect::<Vec<_>>(),
         "summary": summary,
         "comparison": words::comparison(&summary),
         "gospa": words::gospa(&summary),

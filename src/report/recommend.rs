@@ -591,6 +591,7 @@ mod tests {
             method: "lazy".into(),
             status: "crashed".into(),
             count: 1,
+            scenes: vec!["dev-00".into()],
             reason: "ended".into(),
         });
         let found = recommend(&[run], None, ClassBy::Family).expect("a choice");

@@ -9,6 +9,7 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
+use crate::geometry::shift_words;
 use crate::record::Record;
 use crate::report::gospa::root_mean;
 use crate::stats::{self, Bootstrap, Interval};
@@ -193,22 +194,11 @@ fn strata<'a>(answers: impl Iterator<Item = (&'a str, &'a Answer)>) -> Vec<Refin
 /// What another origin of coordinates shifts answers by, where these are so, to a tenth of a pixel, and surely.
 fn shift(refined: &Refined) -> Option<&'static str> {
     const NEAR_PX: f64 = 0.1;
-    let [x, y] = refined.offset_px;
-    let is_at = |offset: Option<Estimate>, by_px: f64| {
-        offset.is_some_and(|offset| {
-            let ends = offset.low.zip(offset.high);
-            (offset.value - by_px).abs() < NEAR_PX
-                && ends.is_some_and(|(low, high)| high - low < 2.0 * NEAR_PX)
-        })
+    let [Some(x), Some(y)] = refined.offset_px else { return None };
+    let is_sure = |offset: Estimate| {
+        offset.low.zip(offset.high).is_some_and(|(low, high)| high - low < 2.0 * NEAR_PX)
     };
-    [
-        (0.5, "answers look shifted by (+0.5, +0.5) px: they count from the pixel's corner"),
-        (-0.5, "answers look shifted by (-0.5, -0.5) px: half a pixel is taken off once too often"),
-        (1.0, "answers look shifted by (+1, +1) px: they count from 1"),
-        (-1.0, "answers look shifted by (-1, -1) px: 1 is taken off once too often"),
-    ]
-    .into_iter()
-    .find_map(|(by_px, words)| (is_at(x, by_px) && is_at(y, by_px)).then_some(words))
+    shift_words([x.value, y.value], [NEAR_PX; 2]).filter(|_| is_sure(x) && is_sure(y))
 }
 
 /// What one answer adds to a scene's sums, or a corner that has none.

@@ -5,7 +5,7 @@ use std::hash::Hash;
 
 use serde::Serialize;
 
-use crate::record::{Record, Timing, kind, status};
+use crate::record::{FailureCount, Record, Timing, kind, status};
 use crate::report::agreement::Agreement;
 use crate::report::contest::{Contest, contests};
 use crate::report::detection::{self, DetectionSummary};
@@ -46,8 +46,11 @@ pub struct MethodSummary {
     pub method: String,
     /// The camera.
     pub camera: String,
-    /// What reports call both: the method's name alone where there is one camera.
+    /// What reports call both: the method's name alone where there is one camera; behind it how many photographs are
+    /// unanswered.
     pub label: String,
+    /// Photographs, of all cameras, to which another program of it gave no answer.
+    pub unanswered: usize,
     /// What is judged, as records have it.
     pub track: String,
     /// Detector and version; none on the refinement track.
@@ -209,6 +212,7 @@ pub(super) fn summarise_method(
     let (method, camera) = (of_first(|record| &record.method), of_first(|record| &record.camera));
     MethodSummary {
         label: if cameras.len() == 1 { method.clone() } else { format!("{method}, {camera}") },
+        unanswered: 0,
         method,
         camera,
         track: of_first(|record| &record.track),
@@ -220,6 +224,18 @@ pub(super) fn summarise_method(
         refinement: refinement::summarise(records),
         grasps: records.iter().any(|r| r.kind == kind::GRASP).then(|| grasps(records)),
         scenes,
+    }
+}
+
+impl MethodSummary {
+    /// It, with what its other programs did not answer in its run.
+    pub(super) fn with_failures(self, failures: &[FailureCount]) -> Self {
+        let own = failures.iter().filter(|failure| failure.method == self.method);
+        let unanswered = own.map(|failure| failure.count).sum();
+        if unanswered == 0 {
+            return self;
+        }
+        Self { label: format!("{}, {unanswered} unanswered", self.label), unanswered, ..self }
     }
 }
 

@@ -2,7 +2,6 @@
 
 use comfy_table::{Cell, CellAlignment, ContentArrangement, LineStyle, Table, TableStyle, presets};
 
-use crate::record::FailureCount;
 use crate::report::drawn::{DrawnSummary, words as drawn};
 use crate::report::summary::{GraspSummary, MethodSummary, Summary};
 use crate::report::words::{self, Words};
@@ -16,9 +15,7 @@ pub fn tables(report: &Report) -> String {
         }
         Content::Drawn(summary) => of_drawn(summary),
     };
-    for FailureCount { method, status, count, reason } in &report.run.failures {
-        text.push_str(&format!("! {method} had no answer {count} times ({status}): {reason}\n"));
-    }
+    text.extend(report.run.failures.iter().map(|failure| format!("! {}\n", failure.words())));
     text
 }
 

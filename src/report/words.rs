@@ -3,6 +3,8 @@
 mod contests;
 mod refiners;
 
+use std::cmp::Ordering;
+
 use serde::Serialize;
 
 use crate::record::{MethodTime, Spread};
@@ -180,7 +182,7 @@ pub fn gospa(summary: &Summary) -> Words {
     let per_corner_px = |method: &MethodSummary| {
         method.detection.gospa.per_corner_px.map_or(f64::INFINITY, |estimate| estimate.value)
     };
-    methods.sort_by(|a, b| per_corner_px(a).total_cmp(&per_corner_px(b)));
+    methods.sort_by(|a, b| whole_first(a, b).then(per_corner_px(a).total_cmp(&per_corner_px(b))));
     let gates = methods.first().map_or(&[][..], |first| &first.detection.gates);
     let header = ["method", "GOSPA px (95 %)", "off", "missed", "false", "at best threshold"];
     let header = header.map(str::to_owned);
@@ -271,8 +273,13 @@ pub(super) fn by_average_precision(summary: &Summary) -> Vec<&MethodSummary> {
     let mut methods: Vec<&MethodSummary> =
         summary.methods.iter().filter(|method| method.detector.is_some()).collect();
     let score = |method: &MethodSummary| method.detection.sweeps[0].average_precision;
-    methods.sort_by(|a, b| score(b).total_cmp(&score(a)));
+    methods.sort_by(|a, b| whole_first(a, b).then(score(b).total_cmp(&score(a))));
     methods
+}
+
+/// Methods with unanswered photographs come last: their figures are of others.
+fn whole_first(a: &MethodSummary, b: &MethodSummary) -> Ordering {
+    (a.unanswered > 0).cmp(&(b.unanswered > 0))
 }
 
 /// A number to two significant digits.

@@ -13,6 +13,7 @@ pub(super) fn count(records: &[Record]) -> Vec<FailureCount> {
         method: record.method.clone(),
         status: record.status.clone(),
         count: 1,
+        scenes: Some(record.scene.clone()).filter(|scene| !scene.is_empty()).into_iter().collect(),
         reason: record.reason.clone().unwrap_or_default(),
     };
     sum(failures.map(one))
@@ -25,7 +26,12 @@ pub(super) fn sum(all: impl Iterator<Item = FailureCount>) -> Vec<FailureCount> 
         let is_its =
             |one: &&mut FailureCount| (&one.method, &one.status) == (&more.method, &more.status);
         match sum.iter_mut().find(is_its) {
-            Some(one) => one.count += more.count,
+            Some(one) => {
+                one.count += more.count;
+                let new = more.scenes.into_iter().filter(|scene| !one.scenes.contains(scene));
+                let new: Vec<String> = new.collect();
+                one.scenes.extend(new);
+            }
             None => sum.push(more),
         }
     }

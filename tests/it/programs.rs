@@ -168,7 +168,8 @@ fn a_fault_is_a_row_with_its_reason_and_the_run_goes_on() {
                 "{fault}: {reason}"
             );
         }
-        assert!(stdout(&found.output).contains(&format!("faulty had no answer {count} times")));
+        let times = if count == 1 { "once".to_owned() } else { format!("{count} times") };
+        assert!(stdout(&found.output).contains(&format!("faulty had no answer {times} of ")));
         let run = bench.run_json();
         assert_eq!(run["failures"][0]["count"], count, "{fault}");
         let page = fs::read_to_string(bench.path("run/report/index.html")).expect("a page");
@@ -579,8 +580,8 @@ fn verify_says_what_a_refiner_gets_wrong_and_what_to_do_about_it() {
     let (code, findings) = verified("none");
     assert_eq!(code, Some(0), "{findings:?}");
     for (habit, what, words) in [
-        ("pixel's corner", "coordinates", "as if counted from the pixel's corner: subtract 0.5"),
-        ("from one", "coordinates", "as if counted from 1: subtract 1"),
+        ("pixel's corner", "coordinates", "they count from the pixel's corner; subtract 0.5"),
+        ("from one", "coordinates", "they count from 1; subtract 1"),
         ("swapped", "coordinates", "x and y look swapped"),
         ("random", "the same twice", "no random numbers without a seed"),
         ("sorted", "order of seeds", "give one for each seed, in their order"),

@@ -13,7 +13,7 @@ use super::sheet::sheets;
 use super::{DrawnSummary, Lock, summarise, words};
 use crate::error::{Error, Result};
 use crate::files::{replace_folder, write_json};
-use crate::record::RunDescription;
+use crate::record::{FailureCount, RunDescription};
 use crate::report::{html, write_text};
 
 /// Writes summary.json and report/ of a run of drawn junctions, and returns the summary and the page.
@@ -46,6 +46,7 @@ pub(in crate::report) fn write(
     }
     let content = json!({
         "run": run,
+        "failures": run.failures.iter().map(FailureCount::words).collect::<Vec<_>>(),
         "figures": figures,
         "cells": words::cells(&summary),
         "cells_say": words::CELLS,

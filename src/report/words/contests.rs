@@ -105,7 +105,10 @@ pub fn compared(comparison: &Comparison) -> Words {
             chance(method.p_of_error),
             share(method.failed_more),
             chance(method.p_of_failed),
-            method.verdict.words().to_owned(),
+            match method.unanswered_more {
+                more @ 1.. => format!("{}, {more} more unanswered", method.verdict.words()),
+                _ => method.verdict.words().to_owned(),
+            },
         ]
     });
     Words { header: header.map(str::to_owned).to_vec(), rows: rows.collect() }

@@ -1,6 +1,6 @@
 //! Refiners: what their answers are worth, beside each other.
 
-use super::{Words, between, of_estimate, percent, time_of};
+use super::{Words, between, of_estimate, percent, time_of, whole_first};
 use crate::record::MethodTime;
 use crate::report::refinement::{Estimate, RefinedStratum, RefinementSummary};
 use crate::report::summary::{MethodSummary, Summary};
@@ -97,7 +97,7 @@ pub fn results(summary: &Summary) -> Option<Words> {
     let near = |stratum: &RefinedStratum| stratum.within[1].map_or(0.0, |share| share.value);
     methods.sort_by(|a, b| {
         let is_detected = a.0.detector.is_some().cmp(&b.0.detector.is_some());
-        is_detected.then(near(&b.2).total_cmp(&near(&a.2)))
+        whole_first(a.0, b.0).then(is_detected).then(near(&b.2).total_cmp(&near(&a.2)))
     });
     let header = [
         "method",
@@ -178,6 +178,6 @@ pub(in crate::report) fn by_refined_error(summary: &Summary) -> Vec<&MethodSumma
     let rmse_px = |method: &MethodSummary| {
         method.refinement.clear.rmse_px.map_or(f64::INFINITY, |estimate| estimate.value)
     };
-    methods.sort_by(|a, b| rmse_px(a).total_cmp(&rmse_px(b)));
+    methods.sort_by(|a, b| whole_first(a, b).then(rmse_px(a).total_cmp(&rmse_px(b))));
     methods
 }
