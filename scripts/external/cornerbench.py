@@ -13,6 +13,7 @@ and ``cornerbench measure PLAN --with FILE.py``. What is said line by line is de
 ``scripts/PROTOCOL.md``; this module needs numpy alone.
 """
 
+import inspect
 import json
 import math
 import mmap
@@ -33,6 +34,21 @@ PROTOCOL = 1
 
 _ENCODER = json.JSONEncoder(allow_nan=False, separators=(",", ":"))
 _TYPES = {"uint8": np.dtype("u1"), "uint16": np.dtype("u2"), "float32": np.dtype("f4")}
+
+
+def _protocol_s_own():
+    """Take the two streams of the protocol: what is printed from here on goes to standard error."""
+    questions = os.fdopen(os.dup(0), "rb")
+    answers = os.fdopen(os.dup(1), "wb")
+    with open(os.devnull) as nothing:
+        os.dup2(nothing.fileno(), 0)
+    sys.stdout.flush()
+    os.dup2(2, 1)
+    return questions, answers
+
+
+# Started to be measured: what is printed while modules are loaded may not come before answers.
+_STREAMS = _protocol_s_own() if "CORNERBENCH_PROGRAM" in os.environ else None
 
 
 @dataclass
@@ -149,13 +165,7 @@ def serve(*, version, detect=None, refine=None, grasp=None, needs=None, librarie
         raise TypeError("serve needs detect=, refine= or grasp=")
     if sys.stdin is not None and sys.stdin.isatty():
         sys.exit(f"to measure this: cornerbench measure PLAN --with {sys.argv[0]}")
-    # The protocol's own; what libraries print to standard output is none of it.
-    questions = os.fdopen(os.dup(0), "rb")
-    answers = os.fdopen(os.dup(1), "wb")
-    with open(os.devnull) as nothing:
-        os.dup2(nothing.fileno(), 0)
-    sys.stdout.flush()
-    os.dup2(2, 1)
+    questions, answers = _STREAMS or _protocol_s_own()
 
     def say(answer):
         answers.write(_ENCODER.encode(answer).encode() + b"\n")
@@ -163,6 +173,8 @@ def serve(*, version, detect=None, refine=None, grasp=None, needs=None, librarie
 
     greeting = json.loads(questions.readline() or b"{}")
     parameters = greeting.get("parameters", {})
+    for task, function in functions.items():
+        _check_parameters(task, function, parameters)
     ready = {
         "protocol": PROTOCOL,
         "version": str(version(**parameters) if callable(version) else version),
@@ -185,6 +197,20 @@ def serve(*, version, detect=None, refine=None, grasp=None, needs=None, librarie
             traceback.print_exc()
             said = "".join(traceback.format_exception_only(error)).strip()
             say({"id": question["id"], "error": f"{said} {_place(error)}".strip()})
+
+
+def _check_parameters(task, function, parameters):
+    """End where the function does not take what it will be given: once, not at every photograph."""
+    given = ["exposure", "seeds"] if task == "refine" else ["exposure"]
+    try:
+        signature = inspect.signature(function)
+    except (TypeError, ValueError):  # Of what is compiled nothing is known.
+        return
+    try:
+        signature.bind(*given, **parameters)
+    except TypeError as error:
+        said = ", ".join([*given, *(f"{name}={value!r}" for name, value in parameters.items())])
+        sys.exit(f"{task}({said}): {error}")
 
 
 def _place(error):

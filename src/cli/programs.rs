@@ -10,6 +10,8 @@ use crate::external::{AnswerFile, Block, Program, Surroundings, blocks, is_answe
 
 /// Where adapters and the tables that describe them are.
 const FOLDER: &str = "scripts/external";
+/// Where unknown names stand.
+pub(super) const PLACE: &str = "--with";
 
 /// The programs that the project knows, by name.
 ///
@@ -101,7 +103,7 @@ fn find(name: &str) -> Result<Vec<Block>> {
     match known.iter().find(|block| block.name == name) {
         Some(block) => Ok(vec![block.clone()]),
         None => Err(Error::UnknownName {
-            place: "--with".to_owned(),
+            place: PLACE.to_owned(),
             kind: "program or file".to_owned(),
             found: name.to_owned(),
             known: known.into_iter().map(|block| block.name).collect(),

@@ -29,6 +29,10 @@ pub(super) struct Options {
 pub(super) fn run(global: &Global, options: &Options) -> Result<Ended> {
     let path = Path::new(&options.what);
     // What looks like a path and is no file is a dataset that may be missing, which that says itself.
+    if !path.exists() && path.components().count() > 1 && path.extension().is_some() {
+        let words = "there is no such file, and no such dataset";
+        return Err(Error::Other(format!("verify: {}: {words}", options.what)));
+    }
     let is_dataset = path.is_dir() || (!path.is_file() && path.components().count() > 1);
     if is_dataset { dataset::run(global, options) } else { algorithm(global, &options.what) }
 }
@@ -50,7 +54,8 @@ fn algorithm(global: &Global, name: &str) -> Result<Ended> {
     }
     if is_answer_file(Path::new(name)) {
         return Err(Error::Other(format!(
-            "{name}: is a file of corners, of which nothing can be tried; measure it: cornerbench measure PLAN DATASET --with {name}"
+            "{name}: is a file of corners, of which nothing can be tried; measure it, and the report says if its coordinates look \
+             shifted: cornerbench measure PLAN DATASET --with {name}"
         )));
     }
     if tried.is_empty() {
@@ -72,7 +77,7 @@ fn algorithm(global: &Global, name: &str) -> Result<Ended> {
 /// Starts a program, or says what might have been meant.
 fn open(global: &Global, name: &str) -> Result<Vec<Arc<Program>>> {
     programs::open(global, &[name.to_owned()]).map_err(|error| match error {
-        Error::UnknownName { found, known, .. } => {
+        Error::UnknownName { found, known, place, .. } if place == programs::PLACE => {
             let own = DETECTORS.iter().map(|entry| entry.name);
             let own = own.chain(REFINERS.iter().map(|entry| entry.name)).map(str::to_owned);
             Error::UnknownName {

@@ -42,8 +42,9 @@ struct Row {
     y_px: Option<f64>,
     #[serde(default)]
     camera: Option<String>,
+    /// A whole number: pandas writes 0.0 where others are missing.
     #[serde(default)]
-    exposure: Option<u32>,
+    exposure: Option<f64>,
     #[serde(default)]
     response: Option<f64>,
     #[serde(default)]
@@ -73,9 +74,7 @@ impl AnswerFile {
         let rows: Vec<Row> = if path.extension().is_some_and(|extension| extension == "json") {
             serde_json::from_slice(&bytes).map_err(|error| Error::malformed(path, error))?
         } else {
-            let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(&bytes[..]);
-            let rows = reader.deserialize().collect::<std::result::Result<_, _>>();
-            rows.map_err(|error| Error::malformed(path, error))?
+            csv_rows(path, &bytes)?
         };
         let Some(version) = rows.first().map(|row| row.version.clone()) else {
             return Err(Error::malformed(path, "holds no answer"));
@@ -91,7 +90,7 @@ impl AnswerFile {
             let photograph = Photograph {
                 camera: row.camera.clone().filter(|camera| !camera.is_empty()),
                 scene: row.scene.clone(),
-                exposure: row.exposure.unwrap_or(0),
+                exposure: row.exposure(&place)?,
             };
             let (_, corners) = photographs.entry(photograph).or_insert((number + 1, Vec::new()));
             corners.extend(row.corner(&place)?);
@@ -185,7 +184,39 @@ impl AnswerFile {
     }
 }
 
+/// The rows of a CSV file.
+fn csv_rows(path: &Path, bytes: &[u8]) -> Result<Vec<Row>> {
+    let malformed = |error: csv::Error| Error::malformed(path, error);
+    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(bytes);
+    let columns = reader.headers().map_err(malformed)?.clone();
+    let mut rows = Vec::new();
+    for (number, record) in reader.records().enumerate() {
+        let record = record.map_err(malformed)?;
+        let row = record.deserialize(Some(&columns)).map_err(|error| {
+            let csv::ErrorKind::Deserialize { err, .. } = error.kind() else {
+                return malformed(error);
+            };
+            let field = err.field().and_then(|field| usize::try_from(field).ok());
+            let place = field.and_then(|field| columns.get(field).zip(record.get(field)));
+            let place = place.map(|(column, found)| format!("{column} is {found:?}: "));
+            let place = format!("row {}: {}", number + 1, place.unwrap_or_default());
+            Error::malformed(path, format!("{place}{}", err.kind()))
+        });
+        rows.push(row?);
+    }
+    Ok(rows)
+}
+
 impl Row {
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "checked")]
+    fn exposure(&self, place: &str) -> Result<u32> {
+        let exposure = self.exposure.unwrap_or(0.0);
+        if exposure.fract() == 0.0 && (0.0..=f64::from(u32::MAX)).contains(&exposure) {
+            return Ok(exposure as u32);
+        }
+        Err(Error::out_of_range(place, "exposure", exposure, "a whole number from 0 on"))
+    }
+
     fn corner(&self, place: &str) -> Result<Option<Corner>> {
         let refuse = |key: &str, found: String, allowed: &str| {
             Err(Error::out_of_range(place, key, found, allowed))

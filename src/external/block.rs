@@ -13,6 +13,7 @@ use toml::{Table, Value};
 use super::needs::Needs;
 use super::protocol::Task;
 use crate::error::{Error, Result};
+use crate::files::sha256_hex;
 use crate::registry;
 
 /// What a program finds around it.
@@ -88,7 +89,7 @@ struct BlockFile {
 
 /// A task, or several.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
-#[serde(untagged)]
+#[serde(untagged, expecting = "must be \"detect\", \"refine\" or \"grasp\", or a list of these")]
 enum OneOrSeveral {
     One(Task),
     Several(Vec<Task>),
@@ -242,6 +243,20 @@ impl Block {
             return Ok(None);
         }
         self.invocation(&self.version_command, around).map(Some)
+    }
+
+    /// A hash of its code as far as the file says where that is: the first file that the command names, relative to the
+    /// file's folder, or a module behind `-m` there. Later ones may be what it writes.
+    pub(super) fn sha256(&self) -> String {
+        let folder = self.file.parent().unwrap_or(Path::new("."));
+        let named = self.command.iter().enumerate().map(|(place, word)| match place {
+            1.. if self.command[place - 1] == "-m" => folder.join(format!("{word}.py")),
+            _ => folder.join(word),
+        });
+        // What cannot be read has no content; to start it will say why.
+        let first = named.into_iter().find(|path| path.is_file());
+        let code = first.and_then(|path| fs::read(path).ok()).unwrap_or_default();
+        sha256_hex(&[code, format!("{:?}", self.variables).into_bytes()].concat())
     }
 
     fn invocation(

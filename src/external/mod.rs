@@ -5,6 +5,7 @@
 
 mod answer_file;
 mod block;
+mod log;
 mod needs;
 mod process;
 mod program;

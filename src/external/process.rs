@@ -19,6 +19,8 @@ use process_wrap::std::JobObject;
 use process_wrap::std::ProcessGroup;
 use process_wrap::std::{ChildWrapper, CommandWrap};
 
+use super::log::Log;
+
 /// The longest line that is read \[bytes\]: some hundred thousand corners.
 pub(super) const LONGEST_LINE: usize = 32 << 20;
 /// Of what a program says on standard error so much is remembered \[bytes\].
@@ -71,7 +73,7 @@ struct Guard {
 
 impl Process {
     /// Starts a program, as the head of a group of its own with all that it starts.
-    pub fn start(mut command: Command) -> std::io::Result<Self> {
+    pub fn start(mut command: Command, log: &Arc<Log>) -> std::io::Result<Self> {
         static STARTED: AtomicU64 = AtomicU64::new(0);
         let number = STARTED.fetch_add(1, Ordering::Relaxed);
         let mark = format!("{}-{number}", std::process::id());
@@ -85,8 +87,8 @@ impl Process {
         let mut child = command.spawn()?;
         let complaint = Arc::default();
         let listener = child.stderr().take().map(|stderr| {
-            let complaint = Arc::clone(&complaint);
-            thread::spawn(move || remember(stderr, &complaint))
+            let (complaint, log) = (Arc::clone(&complaint), Arc::clone(log));
+            thread::spawn(move || remember(stderr, &complaint, &log))
         });
         let (id, input) = (child.id(), child.stdin().take());
         let output = child.stdout().take().map(BufReader::new);
@@ -365,10 +367,11 @@ fn read_line(output: &mut BufReader<ChildStdout>, line: &mut Vec<u8>, deadline: 
     }
 }
 
-/// Keeps the last of what a program says.
-fn remember(mut stderr: impl std::io::Read, kept: &Mutex<VecDeque<u8>>) {
+/// Keeps the last of what a program says, and logs it.
+fn remember(mut stderr: impl std::io::Read, kept: &Mutex<VecDeque<u8>>, log: &Log) {
     let mut bytes = [0; 1024];
     while let Ok(count @ 1..) = stderr.read(&mut bytes) {
+        log.hear(&bytes[..count]);
         let mut kept = locked(kept);
         kept.extend(&bytes[..count]);
         let excess = kept.len().saturating_sub(REMEMBERED);

@@ -3,14 +3,15 @@
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::Write;
-use std::path::PathBuf;
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use serde::Serialize;
 use serde_json::json;
 
 use super::block::{Block, Invocation, Surroundings};
+use super::log::Log;
 use super::needs::Needs;
 use super::process::{NoLine, Process};
 use super::protocol::{Answer, Greeting, Image, PROTOCOL, Question, Ready, Task, read};
@@ -26,6 +27,8 @@ use crate::target::TargetRegion;
 const MOST_IN_A_ROW: u32 = 20;
 /// How far around the region a detector searches, as own ones do \[px\].
 const MARGIN_PX: f64 = 3.0;
+/// ENOEXEC: Unix's number of the error that a file is none that can be executed.
+const NO_PROGRAM: i32 = 8;
 
 /// What went wrong.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -95,6 +98,8 @@ pub struct Program {
     needs: Needs,
     /// How it is started, and what it said then; or why it cannot be.
     opened: std::result::Result<Opened, Failure>,
+    /// What it says on standard error, each time that it is started.
+    log: Arc<Log>,
     state: Mutex<State>,
 }
 
@@ -102,6 +107,8 @@ pub struct Program {
 struct Opened {
     start: Invocation,
     version: Version,
+    /// Of its code.
+    sha256: String,
 }
 
 /// What it says of itself.
@@ -150,6 +157,7 @@ impl Program {
             does: block.does.clone(),
             needs: block.needs,
             opened: Err(Failure { kind: FailureKind::NotAvailable, reason: String::new() }),
+            log: Arc::default(),
             state: Mutex::default(),
             block,
         };
@@ -194,7 +202,7 @@ impl Program {
         };
         self.state().process = Some(process);
         let version = Version { version, libraries: ready.libraries.clone() };
-        Ok((Opened { start, version }, ready))
+        Ok((Opened { start, version, sha256: self.block.sha256() }, ready))
     }
 
     /// The first line that the command for the version prints.
@@ -208,10 +216,18 @@ impl Program {
     }
 
     fn spawn(&self, invocation: &Invocation) -> std::result::Result<Process, String> {
-        Process::start(invocation.command()).map_err(|error| {
+        Process::start(invocation.command(), &self.log).map_err(|error| {
+            use std::io::ErrorKind;
             let program = invocation.program().display();
             match error.kind() {
-                std::io::ErrorKind::NotFound => format!("{program} is not there"),
+                ErrorKind::NotFound => format!("{program} is not there"),
+                ErrorKind::PermissionDenied => format!(
+                    "{program} may not be executed: chmod +x it, or give a table with its command (scripts/PROTOCOL.md)"
+                ),
+                _ if error.raw_os_error() == Some(NO_PROGRAM) => format!(
+                    "{program} is no program and names no interpreter in its first line; give a table with its command \
+                     (scripts/PROTOCOL.md)"
+                ),
                 _ => format!("{program} cannot be started: {error}"),
             }
         })
@@ -274,11 +290,22 @@ impl Program {
         self.opened.as_ref().err()
     }
 
+    /// A hash of the first file that its command names; none where it is not available.
+    pub fn sha256(&self) -> Option<&str> {
+        self.opened.as_ref().ok().map(|opened| opened.sha256.as_str())
+    }
+
+    /// Keeps what it says on standard error in a folder's file NAME.log, which is not there while it says nothing.
+    pub fn log_to(&self, folder: &Path) {
+        self.log.keep_in(folder.join(format!("{}.log", self.block.name)));
+    }
+
     /// What run.json has of it.
     pub fn description(&self) -> serde_json::Value {
         json!({
             "name": self.block.name,
             "version": self.version(),
+            "sha256": self.sha256(),
             "does": self.does,
             "needs": self.needs,
             "parameters": self.block.parameters,
@@ -457,6 +484,10 @@ impl Program {
         let (process, ready) = self
             .greet(&opened.start)
             .map_err(|reason| self.failure(FailureKind::Crashed, reason))?;
+        if self.block.sha256() != opened.sha256 {
+            let reason = "is another file than when it was first started: measure it again";
+            return Err(self.failure(FailureKind::VersionChanged, reason));
+        }
         let before = &opened.version;
         let is_same = ready.libraries == before.libraries
             && (!self.block.version_command.is_empty()

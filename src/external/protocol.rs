@@ -235,6 +235,11 @@ pub(super) fn read<T: DeserializeOwned>(line: &[u8]) -> Result<T, String> {
     serde_json::from_slice(line).map_err(|error| {
         let problem = match ["NaN", "Infinity"].iter().find(|word| text.contains(**word)) {
             Some(word) => format!("{word} is no answer; say null for a corner that is not there"),
+            None if !text.trim_start().starts_with('{') => {
+                "no answer; standard output is the protocol's alone, print to standard error"
+                    .to_owned()
+            }
+            None if error.is_eof() => "no whole answer; each is one line".to_owned(),
             None => error.to_string(),
         };
         let beginning: String = text.chars().take(80).collect();

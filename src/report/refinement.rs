@@ -62,7 +62,7 @@ pub struct Refined {
     pub bias_along_px: Option<Estimate>,
     /// Mean error across that \[px\].
     pub bias_across_px: Option<Estimate>,
-    /// Mean error along x and along y \[px\].
+    /// Median error along x and along y \[px\]: a few answers far off say nothing of where coordinates start.
     pub offset_px: [Option<Estimate>; 2],
     /// Root mean square error about the means in the corner's own frame, of both coordinates \[px\].
     pub spread_px: Option<Estimate>,
@@ -211,8 +211,6 @@ enum Sum {
     WithinC,
     Answered,
     Square,
-    X,
-    Y,
     Framed,
     FramedSquare,
     Along,
@@ -253,8 +251,6 @@ fn sums_of(answer: &Answer) -> Sums {
         add(sum, f64::from(error_px <= within_px));
     }
     add(Sum::Square, error_px * error_px);
-    add(Sum::X, answer.off_px[0]);
-    add(Sum::Y, answer.off_px[1]);
     if let Some([along_px, across_px]) = answer.own_frame_px {
         add(Sum::Framed, 1.0);
         add(Sum::FramedSquare, error_px * error_px);
@@ -282,6 +278,7 @@ impl Refined {
             sums: Sums,
             errors: Vec<f64>,
             ratios: Vec<f64>,
+            off: [Vec<f64>; 2],
         }
         let mut scenes: BTreeMap<&str, Scene> = BTreeMap::new();
         for answer in &answers {
@@ -289,6 +286,9 @@ impl Refined {
             scene.sums.iter_mut().zip(sums_of(answer)).for_each(|(sum, more)| *sum += more);
             scene.errors.extend(answer.error_px);
             scene.ratios.extend(answer.over_bound());
+            if answer.error_px.is_some() {
+                scene.off.iter_mut().zip(answer.off_px).for_each(|(all, px)| all.push(px));
+            }
         }
         let with_answers = scenes.values().filter(|scene| of(&scene.sums, Sum::Answered) > 0.0);
         let sums: Vec<Sums> = scenes.values().map(|scene| scene.sums).collect();
@@ -310,7 +310,10 @@ impl Refined {
             max_px: all.max_by(f64::total_cmp),
             bias_along_px: of_sums(&|sums| ratio(sums, Sum::Along, Sum::Framed)),
             bias_across_px: of_sums(&|sums| ratio(sums, Sum::Across, Sum::Framed)),
-            offset_px: [Sum::X, Sum::Y].map(|sum| of_sums(&|sums| ratio(sums, sum, Sum::Answered))),
+            offset_px: [0, 1].map(|axis| {
+                let of_scenes = scenes.values().map(|scene| scene.off[axis].clone());
+                quantile(&of_scenes.collect::<Vec<_>>(), 0.5)
+            }),
             spread_px: of_sums(&|sums| {
                 let along = ratio(sums, Sum::Along, Sum::Framed)?;
                 let across = ratio(sums, Sum::Across, Sum::Framed)?;

@@ -86,6 +86,8 @@ impl Run<'_> {
             self.units.iter().map(|unit| (&unit.name, fingerprint(unit))).collect();
         let cells: Vec<_> = plan.cells.iter().map(Cell::description).collect();
         let pipelines: Vec<_> = plan.pipelines.iter().map(Pipeline::description).collect();
+        let programs = plan.programs();
+        let programs: Vec<_> = programs.iter().map(|program| program.sha256()).collect();
         let mut all = json!({
             "cornerbench": env!("CARGO_PKG_VERSION"),
             "cameras": cameras,
@@ -93,6 +95,7 @@ impl Run<'_> {
             "range_sensor": [json!(plan.range_sensor), json!(plan.range_sensor_model)],
             "rule": [rule.gate_px, rule.least_edge_px, rule.most_bound_px],
             "pipelines": pipelines,
+            "programs": programs,
             "cells": cells,
             "suite": self.suite(),
             "scenes": scenes,

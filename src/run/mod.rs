@@ -290,6 +290,9 @@ impl<'a> Run<'a> {
         let own = self.own();
         let identity = self.identity();
         let parts = Parts::open(output, &identity, self.shard)?;
+        for program in self.plan.programs() {
+            program.log_to(&output.join(parts::LOGS));
+        }
         let one = |unit: &&Unit| {
             let done = self.measure_one(unit, &parts.path(&unit.name), output)?;
             on_scene(&unit.name);

@@ -15,8 +15,10 @@ use crate::record::TIMING_FILE;
 const MANIFEST: &str = "unfinished.json";
 /// Where they are.
 const FOLDER: &str = "parts";
+/// Where is what other programs said on standard error.
+pub(super) const LOGS: &str = "programs";
 /// What a run's folder has beside them.
-const FOLDERS: [&str; 3] = ["scenes", "report", "recommendation"];
+const FOLDERS: [&str; 4] = ["scenes", "report", "recommendation", LOGS];
 const FILES: [&str; 4] = ["run.json", "records.parquet", "summary.json", TIMING_FILE];
 
 /// What decides whether parts may be taken over.

@@ -50,7 +50,10 @@ for number, line in enumerate(sys.stdin, 1):
     question = json.loads(line)
     answer = {"id": question["id"], "took_us": 1.0, "points": question["seeds"]}
     if number == 3:
-        if fault in ("crash", "version_changes"):
+        if fault == "edited":
+            with open(__file__, "a") as file:
+                file.write("# another algorithm\n")
+        if fault in ("crash", "version_changes", "edited"):
             print("about to fail", file=sys.stderr, flush=True)
             os._exit(7)
         if fault == "killed":
