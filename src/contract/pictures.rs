@@ -13,8 +13,10 @@ use crate::sensor::{Encoding, Exposure, Transfer};
 
 /// Junctions stand in squares of this side \[px\], each drawn by itself,
 const TILE_PX: usize = 40;
-/// so many in a row and in a column: x and y cannot be taken for each other.
+/// so many in a row and in a column,
 const TILES: [usize; 2] = [4, 3];
+/// and so far from a square's middle \[px\]: x and y cannot be taken for each other.
+const OFF_MIDDLE_PX: [f64; 2] = [4.0, -4.0];
 /// Blur of the edges \[px\].
 const SIGMA_PX: f64 = 0.7;
 /// A picture's size \[px\].
@@ -47,7 +49,8 @@ impl Picture {
             .enumerate()
             .map(|(tile, [right, down])| {
                 let middle = 0.5 * TILE_PX as f64 - 0.5;
-                let vertex = ImagePoint::new(middle + right - 0.5, middle + down - 0.5);
+                let [x, y] = OFF_MIDDLE_PX.map(|off| middle + off - 0.5);
+                let vertex = ImagePoint::new(x + right, y + down);
                 let (kind, turn) = (tile / TILES[0], tile % TILES[0]);
                 let [first, share] = kinds[kind];
                 junction(kind, vertex, first + FRAC_PI_2 * turn as f64, share)

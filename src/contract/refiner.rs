@@ -53,8 +53,15 @@ pub fn try_refiner(refiner: &AnyStage<dyn Refiner>) -> Result<Vec<Finding>> {
             .iter()
             .map(|seed| Detection { point: motion.point(seed.point), ..*seed })
             .collect();
-        let words = refine(&exposure, &moved).and_then(|found| follows(motion, first, &found));
-        findings.push(Finding::tried(what, words));
+        let found = refine(&exposure, &moved);
+        let declines = |corners: &[Corner]| corners.iter().all(|one| !one.status.answered());
+        findings.push(match &found {
+            Ok(found) if declines(first) && declines(found) => {
+                let words = "all corners of the picture are declined, before and after";
+                Finding::told(what, format!("{}: {words}", motion.words))
+            }
+            _ => Finding::tried(what, found.and_then(|found| follows(motion, first, &found))),
+        });
     }
     findings.push(Finding::tried("next to nothing", of_degenerate(&refine)?));
     findings.push(on_an_edge(&refine)?);
@@ -161,9 +168,6 @@ fn follows(
         distances.len(),
         median(&distances).unwrap_or_default()
     );
-    if distances.is_empty() {
-        return Err(format!("{}: no corner is answered both before and after", motion.words));
-    }
     // One in eight may be at a watershed.
     if 8 * (off + changed) <= before.len() {
         Ok(words)

@@ -4,7 +4,7 @@ use std::fs;
 use std::path::PathBuf;
 use std::process::Command;
 
-use cornerbench::record::{Record, kind};
+use cornerbench::record::{Record, kind, read_records};
 
 use super::{Bench, CORNERS};
 use crate::support::*;
@@ -96,6 +96,9 @@ fn opencv_through_the_adapter_answers_as_opencv_called_directly_to_the_last_bit(
         "--recipes",
     ]);
     succeed(measure.arg(&recipes_folder).arg(plain_dataset()).arg("-o").arg(&output));
+    // What the plan names does not join it once more.
+    let records = read_records(&output.join("records.parquet")).expect("records");
+    assert!(records.iter().all(|row| row.method == "given"));
     let photographs = folder.path().join("photographs");
     let mut expose = cornerbench();
     expose.args(["expose", "--camera", "ideal", "--quiet", "--recipes"]).arg(&recipes_folder);

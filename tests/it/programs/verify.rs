@@ -75,6 +75,32 @@ fn environment() -> PathBuf {
     python().ancestors().nth(2).expect("a folder").to_owned()
 }
 
+/// OpenCV's detector, with something done to its answers.
+const DETECTOR: &str = "import cv2
+from cornerbench import serve
+def detect(exposure):
+    points = cv2.goodFeaturesToTrack(exposure.image, 50, 0.05, 5)
+    return [] if points is None else (points.reshape(-1, 2)) HABIT
+serve(detect=detect, version='1')
+";
+
+#[test]
+fn verify_says_where_a_detector_counts_from_and_in_which_order() {
+    let bench = Bench::new();
+    let file = bench.path("detector.py");
+    for (habit, code, words) in [
+        ("", Some(0), "coordinates      passed"),
+        ("+ 0.5", Some(1), "they count from the pixel's corner; subtract 0.5"),
+        ("[:, ::-1]", Some(1), "x and y look swapped"),
+    ] {
+        fs::write(&file, DETECTOR.replace("HABIT", habit)).expect("written");
+        let output = run(cornerbench().env("VIRTUAL_ENV", environment()).arg("verify").arg(&file));
+        let said = stdout(&output);
+        assert_eq!(output.status.code(), code, "{habit}: {said}{}", stderr(&output));
+        assert!(said.contains(words), "{habit}: {said}");
+    }
+}
+
 #[test]
 fn verify_says_what_is_wrong_with_a_file_and_which() {
     let bench = Bench::new();
