@@ -23,10 +23,15 @@ from kornia.geometry import subpix  # pyright: ignore[reportMissingImports]
 from regions import in_region
 
 REACH_PX = 16
+FILTER_PX = 4
+"""Half the width of the widest filter, and one more [px]."""
 
 
 def detect(response_of, image, *, threshold_rel, radius_px, **options):
     """Find maxima of a response, between pixels."""
+    # kornia's filters mirror the image at its borders, and cannot mirror more than there is.
+    if min(image.shape) <= FILTER_PX:
+        return np.empty((0, 2)), np.empty(0)
     with torch.inference_mode():
         response = response_of(torch.from_numpy(image.astype(np.float32))[None, None], **options)
         side = 2 * radius_px + 1
