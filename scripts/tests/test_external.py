@@ -440,9 +440,10 @@ def test_parameters_are_keyword_arguments(start_text):
     assert program.ask(SMALL, seeds=SEEDS)["points"] == [[1.5, 2.5], [4.0, 5.0]]
 
 
-def test_an_unknown_parameter_is_named(start_text):
-    program = start_text('serve(detect=lambda exposure: [], version="1")', windw=3)
-    assert "windw" in program.ask(SMALL)["error"]
+def test_an_unknown_parameter_is_refused_when_greeted(start_text):
+    for answer in ("detect=lambda exposure: []", "refine=lambda exposure, seeds: seeds"):
+        with pytest.raises(AssertionError, match=r"windw=3\): .* unexpected .* 'windw'"):
+            start_text(f'serve({answer}, version="1")', windw=3)
 
 
 def test_a_version_may_depend_on_parameters(start_text):
