@@ -83,6 +83,8 @@ pub mod status {
     pub const NO_FACE: &str = "no_face";
     /// A face was chosen, the range sensor saw nothing there.
     pub const NO_RANGE: &str = "no_range";
+    /// No grasp point could be computed from the face: the reason says why.
+    pub const NO_GRASP: &str = "no_grasp";
     /// A face was chosen, and the program that estimates a grasp gave no answer.
     pub const FAILED: &str = "failed";
     /// A file of the scene is missing, truncated or altered.

@@ -359,11 +359,7 @@ impl Program {
     ) -> Asked<std::result::Result<Grasp, NoGrasp>> {
         let question = Question::new(Task::Grasp).of_face(face, rig, range);
         let reply = self.ask(question, None, Answer::grasp)?;
-        let grasp = |(image_point, point_in_camera)| Grasp {
-            image_point,
-            point_in_camera,
-            point_in_world: rig.world_from_camera * point_in_camera,
-        };
+        let grasp = |(image_point, point)| Grasp::at(image_point, point, rig);
         let answer = reply.answer.map(grasp).ok_or(NoGrasp::NoRange);
         Ok(Reply { answer, protocol_us: reply.protocol_us })
     }

@@ -24,11 +24,11 @@
 //! # Checked by  tests below (hand numbers)
 //! ```
 
-use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::geometry::ImagePoint;
+use crate::grasp::cells::Lookup;
 use crate::grasp::{Face, Grasp, GraspEstimator, NoGrasp};
 use crate::registry::{Entry, defaults, parameters, schema};
 use crate::sensor::{RangeImage, Rig};
@@ -45,17 +45,6 @@ pub const ENTRY: Entry<dyn GraspEstimator> = Entry {
     build: |place, table| Ok(Box::new(parameters::<CellAtCornerMean>(place, table)?)),
 };
 
-/// What is taken from the range cell.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "lowercase")]
-pub enum Lookup {
-    /// Its point.
-    #[default]
-    Cell,
-    /// Its depth, on the ray through the image point.
-    Ray,
-}
-
 /// The estimator; its parameter is that of the header.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
@@ -71,15 +60,7 @@ impl GraspEstimator for CellAtCornerMean {
         rig: &Rig,
         range: &RangeImage,
     ) -> std::result::Result<Grasp, NoGrasp> {
-        let image_point = mean(&face.corners);
-        let cell = cell_point(range, rig, image_point).ok_or(NoGrasp::NoRange)?;
-        let cell_in_camera = rig.world_from_camera.inverse() * (range.world_from_range * cell);
-        let point_in_camera = match self.lookup {
-            Lookup::Cell => cell_in_camera,
-            Lookup::Ray => rig.camera.unproject(image_point, cell_in_camera.z),
-        };
-        let point_in_world = rig.world_from_camera * point_in_camera;
-        Ok(Grasp { image_point, point_in_camera, point_in_world })
+        self.lookup.at(mean(&face.corners), rig, range)
     }
 }
 
@@ -88,14 +69,9 @@ fn mean(corners: &[ImagePoint; 4]) -> ImagePoint {
     ImagePoint::new(0.25 * sum(|p| p.x), 0.25 * sum(|p| p.y))
 }
 
-fn cell_point(range: &RangeImage, rig: &Rig, point: ImagePoint) -> Option<Point3<f64>> {
-    let (x, y) = range.nearest_cell(rig, point)?;
-    range.points.at(x, y)
-}
-
 #[cfg(test)]
 mod tests {
-    use nalgebra::{Isometry3, Vector3};
+    use nalgebra::{Isometry3, Point3, Vector3};
 
     use super::*;
     use crate::geometry::{Camera, Distortion};
@@ -114,7 +90,8 @@ mod tests {
         };
         // A metre up and looking down: x stays, y and z turn over.
         let turn = Isometry3::rotation(Vector3::x() * std::f64::consts::PI);
-        Rig { camera, world_from_camera: Isometry3::translation(0.0, 0.0, 1.0) * turn }
+        let world_from_camera = Isometry3::translation(0.0, 0.0, 1.0) * turn;
+        Rig { camera, world_from_camera, object_size_m: None }
     }
 
     /// Depth 1 m wherever there is an answer; cell (3, 3) has none.
@@ -144,7 +121,7 @@ mod tests {
         let corners =
             [[x - 2.0, y - 2.0], [x + 2.0, y - 2.0], [x + 2.0, y + 2.0], [x - 2.0, y + 2.0]]
                 .map(ImagePoint::from);
-        Face { corners, gap_fraction: 0.0 }
+        Face::of_corners(corners, 0.0, &[])
     }
 
     fn estimate(parameters: &str, face: &Face) -> std::result::Result<Grasp, NoGrasp> {

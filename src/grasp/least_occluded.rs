@@ -231,9 +231,8 @@ impl FaceSelector for LeastOccluded {
             .filter(|outline| outline.gap_fraction <= self.max_gap_fraction)
             .filter(|outline| !outlines.iter().any(|other| outline.is_part_of(other)))
             .max_by(|a, b| self.score(a).total_cmp(&self.score(b)))
-            .map(|best| Face {
-                corners: from_the_topmost(best.corners),
-                gap_fraction: best.gap_fraction,
+            .map(|best| {
+                Face::of_corners(from_the_topmost(best.corners), best.gap_fraction, corners)
             })
             .ok_or(NoFace::AllOccluded)
     }

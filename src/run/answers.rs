@@ -35,10 +35,10 @@ pub(super) enum GraspAnswer {
     NoTarget(NoTarget),
     NoCorner,
     NoFace(NoFace),
-    NoRange(Face, NoGrasp),
+    NoGrasp(Face, NoGrasp),
     /// Another program failed.
     Failed(Face, Failure),
-    Grasp(Face, Grasp),
+    Grasp(Face, Box<Grasp>),
 }
 
 impl Answers {
@@ -147,8 +147,8 @@ impl GraspAnswer {
             Err(failure) => Reply::own(Self::Failed(face, failure)),
             Ok(Reply { answer, protocol_us }) => {
                 let answer = match answer {
-                    Err(reason) => Self::NoRange(face, reason),
-                    Ok(grasp) => Self::Grasp(face, grasp),
+                    Err(reason) => Self::NoGrasp(face, reason),
+                    Ok(grasp) => Self::Grasp(face, Box::new(grasp)),
                 };
                 Reply { answer, protocol_us }
             }
@@ -158,7 +158,7 @@ impl GraspAnswer {
     /// The face that was chosen.
     pub fn face(&self) -> Option<&Face> {
         match self {
-            Self::NoRange(face, _) | Self::Grasp(face, _) | Self::Failed(face, _) => Some(face),
+            Self::NoGrasp(face, _) | Self::Grasp(face, _) | Self::Failed(face, _) => Some(face),
             _ => None,
         }
     }

@@ -112,7 +112,8 @@ impl Station<'_> {
         let truth = scene.truth.seen_by(&film_camera, &photograph.camera);
         let noise_free = camera.noise_free(&photograph);
         let world_from_camera = scene.description.world_from_camera;
-        let rig = Rig { camera: photograph.camera, world_from_camera };
+        let object_size_m = photograph.exposure.object_size_m();
+        let rig = Rig { camera: photograph.camera, world_from_camera, object_size_m };
         let colour = camera.model().colour;
         let blur_px = photograph.blur_px;
         let seeing = Seeing { exposure: &noise_free, colour, blur_px };

@@ -5,6 +5,7 @@ use crate::bound::CornerBounds;
 use crate::error::Error;
 use crate::external::Failure;
 use crate::geometry::ImagePoint;
+use crate::grasp::NoGrasp;
 use crate::metrics::{
     CornerRule, CornerScore, Fate, OtherScore, Seen, covered_face, grasp_error, score_corners,
     score_seeded,
@@ -269,7 +270,10 @@ fn grasp_record(
         GraspAnswer::NoTarget(reason) => (status::NO_TARGET, Some(reason.name())),
         GraspAnswer::NoCorner => (status::NO_CORNER, None),
         GraspAnswer::NoFace(reason) => (status::NO_FACE, Some(reason.name())),
-        GraspAnswer::NoRange(_, reason) => (status::NO_RANGE, Some(reason.name())),
+        GraspAnswer::NoGrasp(_, NoGrasp::NoRange) => {
+            (status::NO_RANGE, Some(NoGrasp::NoRange.name()))
+        }
+        GraspAnswer::NoGrasp(_, reason) => (status::NO_GRASP, Some(reason.name())),
         GraspAnswer::Failed(..) => (status::FAILED, None),
         GraspAnswer::Grasp(..) => (status::OK, None),
     };

@@ -333,6 +333,8 @@ pub struct Rig {
     pub camera: Camera,
     /// Where it stands.
     pub world_from_camera: Pose,
+    /// The target's edge lengths, in any order, where a user would know them \[m\].
+    pub object_size_m: Option<[f64; 3]>,
 }
 
 /// From samples to linear light.

@@ -90,7 +90,7 @@ mod tests {
 
     fn nearest(turn: f64, x: f64, y: f64) -> Option<(usize, usize)> {
         let pose = Isometry3::rotation(Vector3::new(0.3, 0.2, 0.1));
-        let rig = Rig { camera: COLOUR, world_from_camera: pose };
+        let rig = Rig { camera: COLOUR, world_from_camera: pose, object_size_m: None };
         let range = RangeImage {
             camera: RANGE,
             // Its place does not matter, only where it looks.

@@ -10,6 +10,7 @@ mod detectors;
 mod docs;
 mod drawn;
 mod edges;
+mod estimators;
 mod export;
 mod grasp;
 mod junctions;

@@ -25,7 +25,8 @@ fn answer(point: ImagePoint, response: f64) -> Corner {
 
 fn score(scene: &Scene, truth: &Truth, rule: CornerRule, answers: &[Corner]) -> CornerScores {
     let camera = scene.description.camera;
-    let rig = Rig { camera, world_from_camera: scene.description.world_from_camera };
+    let rig =
+        Rig { camera, world_from_camera: scene.description.world_from_camera, object_size_m: None };
     let bound = CornerBounds { closed_px: Some(0.02), ..CornerBounds::default() };
     let bounds = vec![bound; truth.corners.len()];
     score_corners(&Seen::new(scene, truth, bounds, &rig), answers, rule)
@@ -153,7 +154,7 @@ fn bounds(scene: &Scene, name: &str) -> Vec<CornerBounds> {
     let photograph =
         photographer.take(&scene.film, &film_camera, [0.0, 0.0], &["bound"]).expect("taken");
     let world_from_camera = scene.description.world_from_camera;
-    let rig = Rig { camera: photograph.camera, world_from_camera };
+    let rig = Rig { camera: photograph.camera, world_from_camera, object_size_m: None };
     let exposure = photographer.noise_free(&photograph);
     let colour = photographer.model().colour;
     let seeing = Seeing { exposure: &exposure, colour, blur_px: photograph.blur_px };
