@@ -27,7 +27,7 @@ use crate::sensor::{CameraModel, RangeSensor, Transfer};
 pub use timing::{MethodTime, ProgramTime, Spread, TIMING_FILE, Timing, read_timing};
 
 /// Version of the columns.
-pub const RECORD_VERSION: i32 = 6;
+pub const RECORD_VERSION: i32 = 7;
 
 /// What a row is about: the words of column `kind`.
 pub mod kind {
@@ -269,6 +269,42 @@ pub struct Record {
     pub grasp_axial_error_mm: Option<f64>,
     /// Its part across the optical axis \[mm\].
     pub grasp_lateral_error_mm: Option<f64>,
+    /// Its part along the true face's outward normal, positive when in front of it \[mm\].
+    pub grasp_normal_error_mm: Option<f64>,
+    /// Its part in the true face \[mm\].
+    pub grasp_in_face_error_mm: Option<f64>,
+    /// What the method says of its error: the root of the sum of its variances \[mm\].
+    pub grasp_sigma_mm: Option<f64>,
+    /// The error's square over the covariance that the method says: 3 on average where that is right.
+    pub grasp_nees: Option<f64>,
+    /// Out of the face, the way a gripper comes from, in the world.
+    pub approach_world_x: Option<f64>,
+    /// The same.
+    pub approach_world_y: Option<f64>,
+    /// The same.
+    pub approach_world_z: Option<f64>,
+    /// The way the jaws move, in the world.
+    pub jaw_world_x: Option<f64>,
+    /// The same.
+    pub jaw_world_y: Option<f64>,
+    /// The same.
+    pub jaw_world_z: Option<f64>,
+    /// How far they are apart when they touch \[m\].
+    pub opening_m: Option<f64>,
+    /// Between the approach and the true face's normal \[deg\].
+    pub approach_error_deg: Option<f64>,
+    /// Between the jaws' way and the true face's shorter side, either side of a square \[deg\].
+    pub jaw_error_deg: Option<f64>,
+    /// Of the opening, positive when too wide \[mm\].
+    pub opening_error_mm: Option<f64>,
+    /// Mean distance of the cuboid's vertices, of all rotations that leave it the same the least \[mm\].
+    pub pose_add_mm: Option<f64>,
+    /// Mean distance of the true vertices from the nearest \[mm\].
+    pub pose_add_s_mm: Option<f64>,
+    /// Largest distance of a vertex, of all such rotations the least \[mm\].
+    pub pose_mssd_mm: Option<f64>,
+    /// The same in the image \[px\].
+    pub pose_mspd_px: Option<f64>,
 }
 
 /// Writes records as one Parquet file, in one group of rows.

@@ -34,6 +34,15 @@ pub fn standard_error(values: &[f64]) -> Option<f64> {
     })
 }
 
+/// By how much squared errors over their variances exceed 1, so many degrees of freedom being left over: 1 where chance
+/// makes as much of it (three standard deviations of chi square), so that covariances of what is described rightly are not
+/// made larger by their own scatter.
+pub fn excess(chi_square: f64, degrees_of_freedom: f64) -> f64 {
+    const DEVIATIONS: f64 = 3.0;
+    let of_one = chi_square / degrees_of_freedom;
+    if of_one > 1.0 + DEVIATIONS * (2.0 / degrees_of_freedom).sqrt() { of_one } else { 1.0 }
+}
+
 /// The quantile at `probability` in \[0, 1\], interpolated linearly between order statistics
 /// (Hyndman & Fan 1996, definition 7, as in NumPy); `None` of nothing.
 pub fn quantile(values: &[f64], probability: f64) -> Option<f64> {

@@ -29,6 +29,7 @@ use crate::grasp::pose::{CuboidPose, poses_of_lengths};
 use crate::grasp::{Face, Grasp, GraspEstimator, NoGrasp};
 use crate::registry::{Entry, defaults, parameters, schema};
 use crate::sensor::{RangeImage, Rig};
+use crate::stats::excess;
 
 /// The registry's line.
 pub const ENTRY: Entry<dyn GraspEstimator> = Entry {
@@ -85,7 +86,7 @@ pub(super) fn candidates(
     found.retain(|pose| pose.rmse_px <= most_rmse_px && looks_here(pose, vertices));
     let Some(best) = found.first() else { return Err(NoGrasp::NoPose) };
     // What corners err by more than they say is the same for all poses.
-    let scale = (best.chi_square / left).max(1.0);
+    let scale = excess(best.chi_square, left);
     for pose in &mut found {
         pose.covariance *= scale;
         pose.chi_square /= scale;

@@ -5,6 +5,7 @@ use nalgebra::{Matrix3, Point3, Unit, Vector3};
 use crate::geometry::ImagePoint;
 use crate::grasp::NoGrasp;
 use crate::sensor::{RangeImage, Rig};
+use crate::stats::excess;
 
 /// A plane in the camera frame: m X = 1, so that m times a ray (x, y, 1) is the inverse of depth \[1/m\].
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -85,7 +86,7 @@ impl RangePlane {
             }
             let inverse = information.try_inverse().ok_or(NoGrasp::TooFewCells)?;
             plane = inverse * right;
-            covariance = inverse * (left / (counted - 3.0).max(1.0)).max(1.0);
+            covariance = inverse * excess(left, (counted - 3.0).max(1.0));
         }
         let is_sound =
             covariance.cholesky().is_some() && plane.iter().all(|value| value.is_finite());

@@ -9,4 +9,6 @@ pub use corners::{
     score_corners, score_seeded,
 };
 pub use gospa::{CUTOFF_PX, Gospa, gospa};
-pub use grasp::{GraspError, covered_face, grasp_error};
+pub use grasp::{
+    ApproachError, GraspError, PoseError, approach_error, covered_face, grasp_error, pose_error,
+};

@@ -9,6 +9,7 @@ pub mod detection;
 pub mod drawn;
 mod figures;
 pub mod gospa;
+pub mod grasps;
 mod html;
 mod misses;
 pub mod recommend;
@@ -172,6 +173,8 @@ pub fn write(folder: &Path) -> Result<Report> {
         "comparison": words::comparison(&summary),
         "gospa": words::gospa(&summary),
         "refinement": refinement,
+        "grasps": words::grasps(&summary),
+        "grasps_say": words::GRASPS,
         "results": words::results(&summary),
         "families": words::families(&summary),
         "notes": notes,

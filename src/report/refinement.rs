@@ -341,7 +341,7 @@ fn within(scenes: &[Sums]) -> [Option<Estimate>; WITHIN_PX.len()] {
 }
 
 /// A quantile of all scenes' numbers, with its interval.
-fn quantile(scenes: &[Vec<f64>], share: f64) -> Option<Estimate> {
+pub(super) fn quantile(scenes: &[Vec<f64>], share: f64) -> Option<Estimate> {
     let all: Vec<f64> = scenes.iter().flatten().copied().collect();
     let interval = Bootstrap::named(&["quantile"]).of_quantile(scenes, share).ok();
     Some(Estimate::of(stats::quantile(&all, share)?, interval))

@@ -9,6 +9,7 @@ use crate::record::{FailureCount, Record, Timing, kind, status};
 use crate::report::agreement::Agreement;
 use crate::report::contest::{Contest, contests};
 use crate::report::detection::{self, DetectionSummary};
+use crate::report::grasps::{self, GraspSummary};
 use crate::report::records::is_scored;
 use crate::report::refinement::{self, Answer, RefinementSummary, answers};
 use crate::stats;
@@ -128,25 +129,6 @@ pub struct Errors {
     pub max_px: f64,
 }
 
-/// What became of the grasps.
-#[derive(Clone, Debug, Default, Serialize)]
-pub struct GraspSummary {
-    /// Scenes: grasps asked for.
-    pub asked: usize,
-    /// Grasp points computed.
-    pub answered: usize,
-    /// Scenes in which the least occluded face was chosen.
-    pub face_right: usize,
-    /// Grasp points on a quadrilateral that covers no face.
-    pub no_face_covered: usize,
-    /// Median distance from the true face's centre \[mm\].
-    pub median_error_mm: Option<f64>,
-    /// Median of its part along the optical axis, without sign \[mm\].
-    pub median_axial_error_mm: Option<f64>,
-    /// Median of its part across the optical axis \[mm\].
-    pub median_lateral_error_mm: Option<f64>,
-}
-
 /// Summarises records whose answers were matched within `gate_px`.
 pub fn summarise(records: &[Record], gate_px: f64) -> Summary {
     let unreadable = records
@@ -222,7 +204,7 @@ pub(super) fn summarise_method(
         corners: corners(records),
         detection: detection::summarise(records, gate_px),
         refinement: refinement::summarise(records),
-        grasps: records.iter().any(|r| r.kind == kind::GRASP).then(|| grasps(records)),
+        grasps: grasps::summarise(records),
         scenes,
     }
 }
@@ -273,23 +255,6 @@ impl Errors {
             median_px: stats::median(distances_px)?,
             max_px: stats::quantile(distances_px, 1.0)?,
         })
-    }
-}
-
-fn grasps(records: &[&Record]) -> GraspSummary {
-    let asked: Vec<&&Record> = records.iter().filter(|r| r.kind == kind::GRASP).collect();
-    let answered: Vec<&&&Record> = asked.iter().filter(|r| r.status == status::OK).collect();
-    let median = |value: &dyn Fn(&Record) -> Option<f64>| {
-        stats::median(&answered.iter().filter_map(|r| value(r)).collect::<Vec<_>>())
-    };
-    GraspSummary {
-        asked: asked.len(),
-        answered: answered.len(),
-        face_right: asked.iter().filter(|r| r.face_is_right == Some(true)).count(),
-        no_face_covered: answered.iter().filter(|r| r.chosen_face.is_none()).count(),
-        median_error_mm: median(&|r| r.grasp_error_mm),
-        median_axial_error_mm: median(&|r| r.grasp_axial_error_mm.map(f64::abs)),
-        median_lateral_error_mm: median(&|r| r.grasp_lateral_error_mm),
     }
 }
 

@@ -3,7 +3,8 @@
 use comfy_table::{Cell, CellAlignment, ContentArrangement, LineStyle, Table, TableStyle, presets};
 
 use crate::report::drawn::{DrawnSummary, words as drawn};
-use crate::report::summary::{GraspSummary, MethodSummary, Summary};
+use crate::report::grasps::GraspSummary;
+use crate::report::summary::{MethodSummary, Summary};
 use crate::report::words::{self, Words};
 use crate::report::{Content, Notes, Report, agreement};
 
@@ -78,7 +79,13 @@ fn of_rendered(summary: &Summary, notes: &Notes, has_programs: bool) -> String {
             text.push_str(&format!("- {sentence}\n"));
         }
     }
-    for (method, grasps) in summary.methods.iter().filter_map(|m| Some((m, m.grasps.as_ref()?))) {
+    let grasps = words::grasps(summary);
+    if let Some(grasps) = &grasps {
+        text.push_str(&format!("\n{}\n{}\n", table_of(grasps), words::GRASPS));
+    }
+    // Of one method its scenes; of several the page has these.
+    let of_scenes = summary.methods.iter().filter(|_| grasps.is_none());
+    for (method, grasps) in of_scenes.filter_map(|m| Some((m, m.grasps.as_ref()?))) {
         text.push_str(&format!(
             "{}: {}, then {}\n",
             method.label,

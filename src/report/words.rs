@@ -9,8 +9,9 @@ use serde::Serialize;
 
 use crate::record::{MethodTime, Spread};
 use crate::report::detection::{Cause, DetectionSummary, Stratum};
+use crate::report::grasps::{GOOD, GraspSummary};
 use crate::report::refinement::Estimate;
-use crate::report::summary::{GraspSummary, MethodSummary, SceneSummary, Summary};
+use crate::report::summary::{MethodSummary, SceneSummary, Summary};
 
 pub use contests::{ContestWords, compared, contests};
 pub(in crate::report) use refiners::by_refined_error;
@@ -115,6 +116,75 @@ fn of_grasps(grasps: &GraspSummary) -> String {
         mm(grasps.median_lateral_error_mm),
     )
 }
+
+/// The grasps of all methods beside each other; None of fewer than two methods that grasp.
+pub fn grasps(summary: &Summary) -> Option<Words> {
+    let mut methods: Vec<(&MethodSummary, &GraspSummary)> = summary
+        .methods
+        .iter()
+        .filter_map(|method| Some((method, method.grasps.as_ref()?)))
+        .collect();
+    if methods.len() < 2 {
+        return None;
+    }
+    let good = |grasps: &GraspSummary| {
+        let share = |place: usize| grasps.good[place].map_or(-1.0, |share| share.value);
+        [share(2), share(3)]
+    };
+    methods.sort_by(|a, b| {
+        let [of_a, of_b] = [good(a.1), good(b.1)];
+        whole_first(a.0, b.0)
+            .then(of_b[0].total_cmp(&of_a[0]))
+            .then(of_b[1].total_cmp(&of_a[1]))
+            .then(b.1.answered.cmp(&a.1.answered))
+    });
+    let header = [
+        "method",
+        "answered",
+        "right face",
+        "error mm (95 %)",
+        "in face, normal",
+        "approach deg (95 %)",
+        "jaws deg",
+    ];
+    let of_good = GOOD.map(|[mm, deg]| format!("{mm} mm, {deg}\u{b0}"));
+    let last = ["NEES", "vertices mm", "px", "none"];
+    let header =
+        header.map(str::to_owned).into_iter().chain(of_good).chain(last.map(str::to_owned));
+    let degrees =
+        |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |deg| format!("{deg:.2}"));
+    let rows = methods.into_iter().map(|(method, grasps)| {
+        let share = |share: Option<Estimate>| percent(share.map(|share| share.value));
+        let reasons: Vec<String> =
+            grasps.reasons.iter().map(|(reason, count)| format!("{count} {reason}")).collect();
+        let first = [
+            method.label.clone(),
+            format!("{} of {}", grasps.answered, grasps.asked),
+            percent(Some(grasps.face_right as f64 / grasps.asked as f64)),
+            between(grasps.error_mm, 2),
+            format!(
+                "{}, {}",
+                px(grasps.median_in_face_error_mm),
+                px(grasps.median_normal_error_mm)
+            ),
+            between(grasps.approach_error_deg, 2),
+            degrees(grasps.median_jaw_error_deg),
+        ];
+        let last = [
+            degrees(grasps.median_nees),
+            px(grasps.median_mssd_mm),
+            px(grasps.median_mspd_px),
+            if reasons.is_empty() { "-".to_owned() } else { reasons.join(", ") },
+        ];
+        first.into_iter().chain(grasps.good.map(share)).chain(last).collect()
+    });
+    Some(Words { header: header.collect(), rows: rows.collect() })
+}
+
+/// What its columns are.
+pub const GRASPS: &str = "medians of the grasps that were computed, against the chosen face's centre, normal and shorter side; shares are of \
+     all that were asked for, as near and turned as little as that; NEES: squared error over the method's own covariance, \
+     2.37 in the middle where that is right; vertices: the farthest of the cuboid's, least over its symmetries; none: why";
 
 /// A table as people read it.
 #[derive(Clone, Debug, Serialize)]

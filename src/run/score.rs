@@ -1,14 +1,16 @@
 //! From a pipeline's answers and the truth to records.
 
+use nalgebra::Point3;
+
 use super::answers::{Answers, GraspAnswer, Region};
 use crate::bound::CornerBounds;
 use crate::error::Error;
 use crate::external::Failure;
 use crate::geometry::ImagePoint;
-use crate::grasp::NoGrasp;
+use crate::grasp::{Grasp, NoGrasp};
 use crate::metrics::{
-    CornerRule, CornerScore, Fate, OtherScore, Seen, covered_face, grasp_error, score_corners,
-    score_seeded,
+    CornerRule, CornerScore, Fate, OtherScore, Seen, approach_error, covered_face, grasp_error,
+    pose_error, score_corners, score_seeded,
 };
 use crate::plan::{Pipeline, Seeds, Stage};
 use crate::record::{RECORD_VERSION, Record, Sketch, kind, status, track};
@@ -292,21 +294,62 @@ fn grasp_record(
     record.chosen_face = chosen.and_then(index);
     record.face_is_right = Some(chosen.is_some_and(|face| truth.is_least_occluded(face)));
     record.face_gap_fraction = Some(face.gap_fraction);
-    let GraspAnswer::Grasp(_, grasp) = answer else { return record };
+    if let GraspAnswer::Grasp(_, grasp) = answer {
+        of_grasp(&mut record, grasp, chosen.or(best), truth, rig);
+    }
+    record
+}
+
+/// What a record has of a grasp; `meant` is the face that it is scored against.
+fn of_grasp(
+    record: &mut Record,
+    grasp: &Grasp,
+    meant: Option<&TrueFace>,
+    truth: &Truth,
+    rig: &Rig,
+) {
     record.grasp_x_px = Some(grasp.image_point.x);
     record.grasp_y_px = Some(grasp.image_point.y);
     record.grasp_world_x_m = Some(grasp.point_in_world.x);
     record.grasp_world_y_m = Some(grasp.point_in_world.y);
     record.grasp_world_z_m = Some(grasp.point_in_world.z);
-    if let Some(meant) = chosen.or(best) {
-        let error = grasp_error(&grasp.point_in_camera, meant, &rig.world_from_camera);
-        record.grasp_image_error_px =
-            Some(grasp.image_point.distance_px(meant.centre_image_point_px));
-        record.grasp_error_mm = Some(error.distance_mm);
-        record.grasp_axial_error_mm = Some(error.axial_mm);
-        record.grasp_lateral_error_mm = Some(error.lateral_mm);
+    record.grasp_sigma_mm = grasp.covariance_m2.map(|covariance| 1e3 * covariance.trace().sqrt());
+    if let Some(approach) = &grasp.approach {
+        let [normal, jaw] = [approach.normal, approach.jaw]
+            .map(|direction| rig.world_from_camera * direction.into_inner());
+        (record.approach_world_x, record.jaw_world_x) = (Some(normal.x), Some(jaw.x));
+        (record.approach_world_y, record.jaw_world_y) = (Some(normal.y), Some(jaw.y));
+        (record.approach_world_z, record.jaw_world_z) = (Some(normal.z), Some(jaw.z));
+        record.opening_m = Some(approach.opening_m);
     }
-    record
+    let Some(meant) = meant else { return };
+    let error = grasp_error(grasp, meant, &rig.world_from_camera);
+    let centre_px = meant.centre_image_point_px;
+    record.grasp_image_error_px = Some(grasp.image_point.distance_px(centre_px));
+    record.grasp_error_mm = Some(error.distance_mm);
+    record.grasp_axial_error_mm = Some(error.axial_mm);
+    record.grasp_lateral_error_mm = Some(error.lateral_mm);
+    record.grasp_normal_error_mm = Some(error.normal_mm);
+    record.grasp_in_face_error_mm = Some(error.in_face_mm);
+    record.grasp_nees = error.nees;
+    if let Some(approach) = &grasp.approach {
+        let error = approach_error(approach, meant, truth, &rig.world_from_camera);
+        record.approach_error_deg = Some(error.normal_deg);
+        record.jaw_error_deg = Some(error.jaw_deg);
+        record.opening_error_mm = Some(error.opening_mm);
+    }
+    let camera_from_world = rig.world_from_camera.inverse();
+    let vertices: Vec<Point3<f64>> = truth
+        .corners
+        .iter()
+        .map(|corner| camera_from_world * Point3::from(corner.position_m))
+        .collect();
+    let error = grasp.pose.zip(<&[_; 8]>::try_from(&vertices[..]).ok());
+    let error = error.and_then(|(pose, vertices)| pose_error(&pose, vertices, &rig.camera));
+    record.pose_add_mm = error.map(|error| error.add_mm);
+    record.pose_add_s_mm = error.map(|error| error.add_s_mm);
+    record.pose_mssd_mm = error.map(|error| error.mssd_mm);
+    record.pose_mspd_px = error.map(|error| error.mspd_px);
 }
 
 /// What a report draws of the scene and the answers, beside the records.
