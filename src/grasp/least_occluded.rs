@@ -65,15 +65,12 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::geometry::ImagePoint;
+use crate::grasp::evidence::{Line, SEARCH_PX, Side, Target, sides_of};
 use crate::grasp::{Face, FaceSelector, NoFace};
 use crate::refine::Corner;
 use crate::registry::{Entry, defaults, parameters, schema};
 use crate::sensor::Exposure;
 use crate::target::TargetRegion;
-
-mod evidence;
-
-use evidence::{Line, SEARCH_PX, Side, Target, sides_of};
 
 /// The registry's line.
 pub const ENTRY: Entry<dyn FaceSelector> = Entry {

@@ -13,7 +13,9 @@ use pose::{CuboidPose, SeenVertex};
 pub mod cell_at_corner_mean;
 pub mod cell_at_diagonals;
 mod cells;
+pub mod cuboid_faces;
 pub mod cuboid_pose;
+mod evidence;
 pub mod face_plane;
 pub mod least_occluded;
 pub mod pose;
@@ -88,6 +90,8 @@ pub enum NoFace {
     TooFewCorners,
     /// No four corners bound a face with small or no gaps.
     AllOccluded,
+    /// Corners and edges are no cuboid's, or the camera is not known.
+    NoCuboid,
 }
 
 impl NoFace {
@@ -96,6 +100,7 @@ impl NoFace {
         match self {
             Self::TooFewCorners => "too_few_corners",
             Self::AllOccluded => "all_occluded",
+            Self::NoCuboid => "no_cuboid",
         }
     }
 }
@@ -196,7 +201,7 @@ pub trait GraspEstimator: Send + Sync {
 }
 
 /// Every face selector that a plan can name, in alphabetical order.
-pub const SELECTORS: &[Entry<dyn FaceSelector>] = &[least_occluded::ENTRY];
+pub const SELECTORS: &[Entry<dyn FaceSelector>] = &[cuboid_faces::ENTRY, least_occluded::ENTRY];
 
 /// Every grasp estimator that a plan can name, in alphabetical order.
 pub const ESTIMATORS: &[Entry<dyn GraspEstimator>] = &[

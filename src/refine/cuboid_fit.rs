@@ -49,7 +49,8 @@ use crate::refine::{Corner, RefineStatus, Refiner};
 use crate::registry::{Entry, defaults, parameters, schema};
 use crate::sensor::Exposure;
 
-use adjust::{Adjusted, adjust};
+pub(crate) use adjust::Adjusted;
+use adjust::adjust;
 use segment::SegmentFitter;
 
 /// The registry's line.
@@ -113,6 +114,12 @@ const SAME_PX: f64 = 2.5;
 const LEAST_RAYS: usize = 7;
 
 impl CuboidFit {
+    /// The cuboid whose edges most is found of where it should be, its vertices among the seeds; None where none is, or
+    /// nothing knows the camera.
+    pub(crate) fn cuboid(&self, exposure: &Exposure, seeds: &[Detection]) -> Option<Adjusted> {
+        self.fitted(&Light::new(exposure), exposure.camera()?, seeds)
+    }
+
     fn fitted(&self, light: &Light, camera: &Camera, seeds: &[Detection]) -> Option<Adjusted> {
         let junctions = self.junctions(light, seeds);
         let mut fitter = SegmentFitter::default();

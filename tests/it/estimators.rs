@@ -1,13 +1,18 @@
 //! Grasp estimators on cuboids whose place is known: exact corners and range have no error, and covariances tell the
 //! errors of others.
 
+use std::fs;
+
 use cornerbench::geometry::{Camera, Distortion, ImagePoint, Pose};
 use cornerbench::grasp::pose::SeenVertex;
 use cornerbench::grasp::{ESTIMATORS, Face, Grasp, NoGrasp, SeenCuboid};
 use cornerbench::image::Plane;
 use cornerbench::random::Stream;
+use cornerbench::record::{Record, kind, read_records};
 use cornerbench::sensor::{DepthNoise, RangeImage, Rig};
 use nalgebra::{Matrix2, Point3, Vector3};
+
+use crate::support::{copy_folder, cornerbench, plain_dataset, recipes, succeed};
 
 const CAMERA: Camera = Camera {
     width: 512,
@@ -276,4 +281,57 @@ fn what_is_not_known_is_said() {
     assert_eq!(estimate("cell_at_diagonals", &face, &setup.rig, &nothing), Err(NoGrasp::NoRange));
     // Without range the pose of the corners is what there is.
     assert!(estimate("pose_and_plane", &face, &setup.rig, &nothing).is_ok());
+}
+
+/// A plan that grasps by every way from corners to a face and on to a grasp.
+const PLAN: &str = "camera = 'ideal'
+[[pipelines]]
+name = 'grasp'
+target = 'red_difference'
+detect = { algorithm = 'harris', threshold_rel = 0.001 }
+refine = ['corner_sub_pix', 'junction_fit']
+face = ['cuboid_faces', 'least_occluded']
+grasp = ['cell_at_corner_mean', 'cuboid_pose', 'face_plane', 'pose_and_plane']
+";
+
+#[test]
+fn a_rendered_cuboid_is_grasped_where_it_is_from_its_picture_alone() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let (recipes_folder, output) = (folder.path().join("recipes"), folder.path().join("run"));
+    copy_folder(&recipes(), &recipes_folder);
+    fs::write(recipes_folder.join("plans/own.toml"), PLAN).expect("written");
+    let mut measure = cornerbench();
+    measure.args(["measure", "own", "--quiet", "--no-timing", "--recipes"]).arg(&recipes_folder);
+    let said = succeed(measure.arg(plain_dataset()).arg("-o").arg(&output));
+    assert!(said.contains("10 mm, 10\u{b0}") && said.contains("NEES"), "{said}");
+    let records = read_records(&output.join("records.parquet")).expect("records");
+    let of = |method: &str| {
+        let is_its = |row: &&Record| {
+            row.kind == kind::GRASP && row.scene == "oblique" && row.method == method
+        };
+        records.iter().find(is_its).expect("a row")
+    };
+    for refiner in ["corner_sub_pix", "junction_fit"] {
+        for estimator in ["cuboid_pose", "face_plane", "pose_and_plane"] {
+            let row = of(&format!("grasp-{refiner}-cuboid_faces-{estimator}"));
+            assert_eq!(row.face_is_right, Some(true), "{row:?}");
+            let most_mm = if refiner == "junction_fit" { 1.0 } else { 12.0 };
+            let error_mm = row.grasp_error_mm.expect("a grasp");
+            assert!(error_mm < most_mm, "{refiner} {estimator}: {error_mm} mm");
+            // What of the error is in the face and across it makes all of it.
+            let parts = [row.grasp_in_face_error_mm, row.grasp_normal_error_mm];
+            let [in_face, normal] = parts.map(|part| part.expect("a part"));
+            assert!((in_face.hypot(normal) - error_mm).abs() < 1e-9, "{row:?}");
+            if refiner == "junction_fit" {
+                let degrees = [row.approach_error_deg, row.jaw_error_deg];
+                assert!(degrees.iter().all(|error| error.is_some_and(|deg| deg < 0.5)), "{row:?}");
+            }
+        }
+    }
+    // The whole cuboid, whatever its axes are called.
+    let row = of("grasp-junction_fit-cuboid_faces-pose_and_plane");
+    assert!(row.pose_mssd_mm.is_some_and(|mm| mm < 1.0), "{row:?}");
+    assert!(row.pose_add_s_mm <= row.pose_add_mm && row.pose_add_mm <= row.pose_mssd_mm);
+    let paper = of("grasp-corner_sub_pix-cuboid_faces-cell_at_corner_mean");
+    assert!(paper.grasp_error_mm > row.grasp_error_mm && paper.approach_world_x.is_none());
 }

@@ -27,7 +27,7 @@ const MOST_OFFSET_PX: f64 = 0.5;
 const LEAST_PIECES: usize = 12;
 
 /// A cuboid that fits.
-pub(super) struct Adjusted {
+pub(crate) struct Adjusted {
     pub cuboid: Cuboid,
     /// Of its change.
     covariance: Information,

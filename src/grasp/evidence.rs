@@ -1,4 +1,4 @@
-//! What one exposure shows of the target's edges and colour, for [`super::LeastOccluded`].
+//! What one exposure shows of the target's edges and colour, for face selectors.
 
 use crate::geometry::ImagePoint;
 use crate::image::{PixelRange, Plane};
