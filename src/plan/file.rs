@@ -95,7 +95,8 @@ pub(super) struct PipelineFile {
     /// Candidates to corners; without it they stay where they are.
     #[schemars(schema_with = "refine_schema")]
     pub refine: Option<Table>,
-    /// Corners to the face to grasp; with `grasp`, or neither.
+    /// Corners to the face to grasp; with `grasp`, or neither. With `seeds` it is left out: it is known which corner is
+    /// which.
     #[schemars(schema_with = "face_schema")]
     pub face: Option<Table>,
     /// Face to grasp point.

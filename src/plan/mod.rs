@@ -115,8 +115,8 @@ impl Seeds {
 
 /// A chain of algorithms from corners to a grasp.
 pub struct GraspStages {
-    /// Corners to the face to grasp.
-    pub face: OwnStage<dyn FaceSelector>,
+    /// Corners to the face to grasp; None on the refinement track, where it is known which corner is which.
+    pub face: Option<OwnStage<dyn FaceSelector>>,
     /// Face to grasp point.
     pub point: AnyStage<dyn GraspEstimator>,
 }
@@ -349,6 +349,11 @@ impl Pipeline {
         detect.into_iter().chain(self.refine.program()).chain(grasp)
     }
 
+    /// Whether it has a way from a target to a grasp that is worth a picture.
+    pub fn draws_a_grasp(&self) -> bool {
+        self.grasp.as_ref().is_some_and(|stages| stages.face.is_some())
+    }
+
     /// Its algorithms with versions and parameters, for run.json.
     pub fn description(&self) -> serde_json::Value {
         serde_json::json!({
@@ -368,7 +373,11 @@ impl Pipeline {
                 })),
             },
             "refine": self.refine.description(),
-            "face": self.grasp.as_ref().map(|grasp| grasp.face.description()),
+            "face": self
+                .grasp
+                .as_ref()
+                .and_then(|grasp| grasp.face.as_ref())
+                .map(Stage::description),
             "grasp": self.grasp.as_ref().map(|grasp| grasp.point.description()),
         })
     }
@@ -398,22 +407,26 @@ impl Pipeline {
                      it, or leave out `face` and `grasp`"
                 )));
             }
-            (Some(face), Some(point)) => Some(GraspStages {
-                face: OwnStage::build(&format!("{place}.face"), "face selector", SELECTORS, face)?,
-                point: AnyStage::build(
-                    &format!("{place}.grasp"),
-                    ESTIMATORS,
-                    programs,
-                    Task::Grasp,
-                    point,
-                )?,
-            }),
-            (face, _) => {
-                let (there, missing) =
-                    if face.is_some() { ("face", "grasp") } else { ("grasp", "face") };
+            (None, Some(_)) if !matches!(seeds, Seeds::Disc { .. }) => {
                 return Err(Error::Other(format!(
-                    "{place}: there is `{there}` but no `{missing}`; give both, or neither for a \
-                     pipeline that ends with corners"
+                    "{place}: there is `grasp` but no `face`; give both, or neither for a pipeline that ends with \
+                     corners, or `grasp` alone and `seeds`: then it is known which corner is which"
+                )));
+            }
+            (face, Some(point)) => {
+                let place = |stage: &str| format!("{place}.{stage}");
+                let build =
+                    |face| OwnStage::build(&place("face"), "face selector", SELECTORS, face);
+                let (point_place, task) = (place("grasp"), Task::Grasp);
+                Some(GraspStages {
+                    face: face.map(build).transpose()?,
+                    point: AnyStage::build(&point_place, ESTIMATORS, programs, task, point)?,
+                })
+            }
+            (Some(_), None) => {
+                return Err(Error::Other(format!(
+                    "{place}: there is `face` but no `grasp`; give both, or neither for a pipeline that ends with \
+                     corners"
                 )));
             }
         };

@@ -139,7 +139,10 @@ pub fn write(folder: &Path) -> Result<Report> {
     let (mut sections, mut misses) = (Vec::new(), Vec::new());
     records.for_each_method(|rows| {
         let method = summarise_method(rows, &cameras, run.gate_px).with_failures(&run.failures);
-        sections.extend(grasp_sections(folder, &report, &method, rows)?);
+        // On the refinement track there is no way from a target to a grasp to draw.
+        if method.detector.is_some() {
+            sections.extend(grasp_sections(folder, &report, &method, rows)?);
+        }
         if is_choice {
             misses.push(draw_misses(folder, &report, &method, rows)?);
         }

@@ -4,8 +4,8 @@ use std::borrow::Cow;
 
 use crate::detect::Detection;
 use crate::external::{Asked, Failure, Reply};
-use crate::grasp::{Face, Grasp, NoFace, NoGrasp};
-use crate::plan::{GraspStages, Pipeline, Seeds};
+use crate::grasp::{Face, Grasp, GraspEstimator, NoFace, NoGrasp};
+use crate::plan::{AnyStage, GraspStages, Pipeline, Seeds};
 use crate::refine::{Corner, RefineStatus};
 use crate::sensor::{Exposure, RangeImage, Rig};
 use crate::target::{NoTarget, TargetRegion};
@@ -42,20 +42,22 @@ pub(super) enum GraspAnswer {
 }
 
 impl Answers {
-    /// Runs the pipeline; `given` are the seeds of one on the refinement track.
+    /// Runs the pipeline; `given` are the seeds of one on the refinement track, `true_face` tells the face of their answers.
     pub fn of(
         pipeline: &Pipeline,
         exposure: &Exposure,
         rig: &Rig,
         range: &RangeImage,
         given: &[Detection],
+        true_face: &TrueFaceOf,
     ) -> Self {
         let Self { region, corners, failure, .. } = Self::of_corners(pipeline, exposure, given);
         if failure.is_some() {
             let grasp = pipeline.grasp.as_ref().map(|_| GraspAnswer::NoCorner);
             return Self { region, corners, grasp, failure };
         }
-        let grasp = grasp(pipeline, exposure, region.as_ref(), &corners, rig, range);
+        let faces = Faces { exposure, region: region.as_ref(), true_face: Some(true_face) };
+        let grasp = grasp(pipeline, &faces, &corners, rig, range);
         let grasp = grasp.map(|reply| reply.answer);
         let failure = match &grasp {
             Some(GraspAnswer::Failed(_, failure)) => Some(failure.clone()),
@@ -109,41 +111,50 @@ pub(super) fn begin<'a>(
     Begun { region, seeds: found.map(owned) }
 }
 
+/// Tells which of the corners that were given make a face.
+pub(super) type TrueFaceOf<'a> = dyn Fn(&[Corner]) -> Result<Face, NoFace> + 'a;
+
+/// What faces are chosen by.
+pub(super) struct Faces<'a> {
+    pub exposure: &'a Exposure,
+    /// Where the target was looked for.
+    pub region: Option<&'a Region>,
+    /// On the refinement track.
+    pub true_face: Option<&'a TrueFaceOf<'a>>,
+}
+
 /// The last stages: from corners to a grasp; `None` of a pipeline that ends with corners.
 pub(super) fn grasp(
     pipeline: &Pipeline,
-    exposure: &Exposure,
-    region: Option<&Region>,
+    faces: &Faces,
     corners: &[Corner],
     rig: &Rig,
     range: &RangeImage,
 ) -> Option<Reply<GraspAnswer>> {
-    match (&pipeline.grasp, region) {
-        (Some(_), Some(Err(reason))) => Some(Reply::own(GraspAnswer::NoTarget(*reason))),
-        (Some(stages), Some(Ok(region))) => {
-            Some(GraspAnswer::of(stages, exposure, region, corners, rig, range))
+    let GraspStages { face, point } = pipeline.grasp.as_ref()?;
+    let chosen = match (face, faces.region) {
+        (None, _) => faces.true_face?(corners),
+        (Some(_), None) => return None,
+        (Some(_), Some(Err(reason))) => return Some(Reply::own(GraspAnswer::NoTarget(*reason))),
+        (Some(_), Some(Ok(_))) if corners.is_empty() => {
+            return Some(Reply::own(GraspAnswer::NoCorner));
         }
-        _ => None,
-    }
+        (Some(face), Some(Ok(region))) => face.algorithm.select(faces.exposure, region, corners),
+    };
+    Some(match chosen {
+        Err(reason) => Reply::own(GraspAnswer::NoFace(reason)),
+        Ok(face) => GraspAnswer::of(face, point, rig, range),
+    })
 }
 
 impl GraspAnswer {
     fn of(
-        stages: &GraspStages,
-        exposure: &Exposure,
-        region: &TargetRegion,
-        corners: &[Corner],
+        face: Face,
+        point: &AnyStage<dyn GraspEstimator>,
         rig: &Rig,
         range: &RangeImage,
     ) -> Reply<Self> {
-        if corners.is_empty() {
-            return Reply::own(Self::NoCorner);
-        }
-        let face = match stages.face.algorithm.select(exposure, region, corners) {
-            Err(reason) => return Reply::own(Self::NoFace(reason)),
-            Ok(face) => face,
-        };
-        match stages.point.estimate(&face, rig, range) {
+        match point.estimate(&face, rig, range) {
             Err(failure) => Reply::own(Self::Failed(face, failure)),
             Ok(Reply { answer, protocol_us }) => {
                 let answer = match answer {

@@ -8,6 +8,7 @@
 mod answers;
 mod drawn;
 mod failures;
+mod given;
 mod identity;
 mod known;
 mod merge;

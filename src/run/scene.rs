@@ -4,6 +4,7 @@ use std::fs;
 use std::path::Path;
 
 use super::answers::Answers;
+use super::given;
 use super::pictures;
 use super::score::{Scorer, of_pipeline, sketch, unreadable};
 use crate::bound::{Seeing, corner_bounds};
@@ -15,6 +16,7 @@ use crate::metrics::Seen;
 use crate::plan::{Pipeline, Plan, Seeds, Shots};
 use crate::random::Stream;
 use crate::record::Record;
+use crate::refine::Corner;
 use crate::scene::{Description, Film, Scene, TrueCorner, Truth};
 use crate::sensor::{
     Exposure, Kernel, PhotographBuffers, Photographer, RangeImage, RangeSensor, Rig, Shot,
@@ -171,12 +173,15 @@ impl Station<'_> {
                 Seeds::Elsewhere(file) => {
                     Answers::from_elsewhere(file.answers(self.camera.name(), &scene.name, number))
                 }
-                _ => Answers::of(pipeline, exposure, rig, &range, &given),
+                _ => {
+                    let true_face = |corners: &[Corner]| given::face(truth, asked, corners);
+                    Answers::of(pipeline, exposure, rig, &range, &given, &true_face)
+                }
             };
             let template = self.template(pipeline, number, blur_px);
             records.extend(scorer.records(&template, pipeline, &answers));
             // What a report draws: the way to a grasp.
-            let Some(folder) = folder.filter(|_| pipeline.grasp.is_some()) else { continue };
+            let Some(folder) = folder.filter(|_| pipeline.draws_a_grasp()) else { continue };
             let sketch = sketch(scene, truth, &answers, depth_range_m);
             let written = || -> Result<()> {
                 if let Some(Ok(region)) = &answers.region {
@@ -194,7 +199,7 @@ impl Station<'_> {
     fn write_pictures(&self, folder: &Path, exposure: &Exposure) -> Result<[f64; 2]> {
         fs::create_dir_all(folder).map_err(Error::io(folder, "create"))?;
         pictures::write_exposure(&folder.join("exposure.png"), exposure)?;
-        if self.plan.pipelines.iter().all(|pipeline| pipeline.grasp.is_none()) {
+        if !self.plan.pipelines.iter().any(Pipeline::draws_a_grasp) {
             return Ok([0.0; 2]);
         }
         pictures::write_depth(&folder.join("depth.png"), &self.scene.geometry.depth_m)

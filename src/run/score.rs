@@ -137,7 +137,10 @@ pub(super) fn of_pipeline(pipeline: &Pipeline) -> Record {
         target_extractor: pipeline.seeds.target().map(Stage::label),
         detector,
         refiner: pipeline.refine.label(),
-        face_selector: pipeline.grasp.as_ref().map(|grasp| grasp.face.label()),
+        face_selector: pipeline
+            .grasp
+            .as_ref()
+            .map(|grasp| grasp.face.as_ref().map_or("given".to_owned(), Stage::label)),
         grasp_estimator: pipeline.grasp.as_ref().map(|grasp| grasp.point.label()),
         ..Record::default()
     }

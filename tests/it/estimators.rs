@@ -335,3 +335,42 @@ fn a_rendered_cuboid_is_grasped_where_it_is_from_its_picture_alone() {
     let paper = of("grasp-corner_sub_pix-cuboid_faces-cell_at_corner_mean");
     assert!(paper.grasp_error_mm > row.grasp_error_mm && paper.approach_world_x.is_none());
 }
+
+#[test]
+fn true_corners_of_a_rendered_cuboid_and_its_true_range_have_no_error() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let (recipes_folder, output) = (folder.path().join("recipes"), folder.path().join("run"));
+    copy_folder(&recipes(), &recipes_folder);
+    let plan = "camera = 'ideal'
+        [[pipelines]]
+        name = 'moved'
+        seeds.disc_px = [0, 1]
+        grasp = ['cell_at_corner_mean', 'cuboid_pose', 'face_plane', 'pose_and_plane']";
+    fs::write(recipes_folder.join("plans/own.toml"), plan).expect("written");
+    let mut measure = cornerbench();
+    measure.args(["measure", "own", "--quiet", "--recipes"]).arg(&recipes_folder);
+    succeed(measure.arg(plain_dataset()).arg("-o").arg(&output));
+    let records = read_records(&output.join("records.parquet")).expect("records");
+    let of = |method: &str| -> Vec<&Record> {
+        let is_its = |row: &&Record| row.kind == kind::GRASP && row.method == method;
+        let rows = records.iter().filter(is_its).filter(|row| row.status == "ok");
+        rows.collect()
+    };
+    for estimator in ["cuboid_pose", "face_plane", "pose_and_plane"] {
+        let exact = of(&format!("moved-disc_px=0-{estimator}"));
+        assert!(!exact.is_empty(), "{estimator}");
+        for row in exact {
+            assert_eq!(row.face_is_right, Some(true), "{row:?}");
+            assert_eq!(row.face_selector.as_deref(), Some("given"));
+            let errors = [row.grasp_error_mm, row.approach_error_deg, row.jaw_error_deg];
+            assert!(errors.iter().all(|error| error.is_some_and(|error| error < 0.01)), "{row:?}");
+            assert!(row.pose_mssd_mm.is_none_or(|mm| mm < 0.01), "{row:?}");
+        }
+        let moved = of(&format!("moved-disc_px=1-{estimator}"));
+        assert!(moved.iter().all(|row| row.grasp_error_mm > Some(0.1)), "{estimator}");
+    }
+    // The mean of true corners is no centre, and a cell not its depth.
+    assert!(
+        of("moved-disc_px=0-cell_at_corner_mean").iter().any(|row| row.grasp_error_mm > Some(1.0))
+    );
+}
