@@ -182,7 +182,7 @@ pub fn grasps(summary: &Summary) -> Option<Words> {
 }
 
 /// What its columns are.
-pub const GRASPS: &str = "medians of the grasps that were computed, against the chosen face's centre, normal and shorter side; shares are of \
+pub const GRASPS: &str = "Medians of the grasps that were computed, against the chosen face's centre, normal and shorter side; shares are of \
      all that were asked for, as near and turned as little as that; NEES: squared error over the method's own covariance, \
      2.37 in the middle where that is right; vertices: the farthest of the cuboid's, least over its symmetries; none: why";
 
