@@ -251,6 +251,12 @@ pub fn pose_from_rows(rows: &PoseRows) -> Option<Pose> {
     })
 }
 
+/// Area of a polygon \[px^2\], positive where its corners run clockwise as seen (shoelace formula).
+pub fn signed_area_px2(corners: &[ImagePoint]) -> f64 {
+    let next = corners.iter().cycle().skip(1);
+    0.5 * corners.iter().zip(next).map(|(a, b)| a.x * b.y - b.x * a.y).sum::<f64>()
+}
+
 /// Intersection of the diagonals p0-p2 and p1-p3 of a quadrilateral; `None` when they are parallel.
 pub fn diagonal_intersection(corners: &[ImagePoint; 4]) -> Option<ImagePoint> {
     let homogeneous = |p: ImagePoint| Vector3::new(p.x, p.y, 1.0);

@@ -140,6 +140,14 @@ mod tests {
     use super::*;
 
     #[test]
+    fn errors_exceed_their_variances_by_more_than_chance_or_not_at_all() {
+        // Chi square of 8 has deviation 4: up to 20 is chance.
+        for (chi_square, excess_is) in [(1.0, 1.0), (8.0, 1.0), (19.9, 1.0), (24.0, 3.0)] {
+            assert!((excess(chi_square, 8.0) - excess_is).abs() < 1e-12, "{chi_square}");
+        }
+    }
+
+    #[test]
     fn statistics_of_nothing_are_none() {
         assert_eq!((mean(&[]), median(&[]), root_mean_square(&[])), (None, None, None));
         assert_eq!(standard_error(&[1.0]), None);

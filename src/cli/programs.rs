@@ -32,7 +32,7 @@ pub(super) fn known() -> Result<Vec<Block>> {
 }
 
 /// Whether what is given is a file of corners that were computed elsewhere.
-fn is_answers(given: &str) -> bool {
+pub(super) fn is_answers(given: &str) -> bool {
     let path = Path::new(given);
     is_answer_file(path) && path.is_file()
 }

@@ -12,7 +12,7 @@ use super::{Ended, Global, print_line, programs};
 use crate::contract::{Finding, try_detector, try_refiner};
 use crate::detect::DETECTORS;
 use crate::error::{Error, Result};
-use crate::external::{Program, Task, is_answer_file};
+use crate::external::{Program, Task};
 use crate::plan::AnyStage;
 use crate::refine::REFINERS;
 
@@ -28,11 +28,11 @@ pub(super) struct Options {
 
 pub(super) fn run(global: &Global, options: &Options) -> Result<Ended> {
     let path = Path::new(&options.what);
-    // What looks like a path and is no file is a dataset that may be missing, which that says itself.
     if !path.exists() && path.components().count() > 1 && path.extension().is_some() {
         let words = "there is no such file, and no such dataset";
         return Err(Error::Other(format!("verify: {}: {words}", options.what)));
     }
+    // What looks like a path and is no file is a dataset that may be missing, which that says itself.
     let is_dataset = path.is_dir() || (!path.is_file() && path.components().count() > 1);
     if is_dataset { dataset::run(global, options) } else { algorithm(global, &options.what) }
 }
@@ -52,7 +52,7 @@ fn algorithm(global: &Global, name: &str) -> Result<Ended> {
     if REFINERS.iter().any(|entry| entry.name == name) {
         tried.push(refiner(name, &[])?);
     }
-    if is_answer_file(Path::new(name)) {
+    if programs::is_answers(name) {
         return Err(Error::Other(format!(
             "{name}: is a file of corners, of which nothing can be tried; measure it, and the report says if its coordinates look \
              shifted: cornerbench measure PLAN DATASET --with {name}"

@@ -31,10 +31,10 @@ use serde::{Deserialize, Serialize};
 
 use crate::cuboid::Cuboid;
 use crate::detect::Detection;
-use crate::geometry::{Camera, ImagePoint};
+use crate::geometry::{Camera, ImagePoint, signed_area_px2};
 use crate::grasp::evidence::Target;
 use crate::grasp::pose::{LEAST_VERTICES, SeenVertex};
-use crate::grasp::{CORNER_SIGMA_PX, Face, FaceSelector, NoFace, SeenCuboid};
+use crate::grasp::{Face, FaceSelector, NoFace, SeenCuboid, covariance_or_default_px2};
 use crate::refine::Corner;
 use crate::refine::cuboid_fit::{Adjusted, CuboidFit};
 use crate::registry::{Entry, defaults, parameters, schema};
@@ -120,30 +120,25 @@ impl FaceSelector for CuboidFaces {
         let fit = CuboidFit { seeds: self.max_corners, ..CuboidFit::default() };
         let fitted = fit.cuboid(exposure, &seeds).ok_or(NoFace::NoCuboid)?;
         let all = vertices(&fitted, camera, &near, self.gate_px);
-        let faces: Vec<Candidate> = candidates(&fitted.cuboid, &all, &target).collect();
-        let best = faces
-            .iter()
-            .filter(|face| face.gap_fraction <= self.max_gap_fraction)
-            .max_by(|a, b| self.order(a, b))
-            .ok_or(NoFace::AllOccluded)?;
+        let mut faces: Vec<Candidate> = candidates(&fitted.cuboid, &all, &target).collect();
+        faces.retain(|face| face.gap_fraction <= self.max_gap_fraction);
+        let best = self.best(&faces).ok_or(NoFace::AllOccluded)?;
         Ok(face(best, &all, &fitted.cuboid))
     }
 }
 
 impl CuboidFaces {
-    /// The better face is the greater one.
-    fn order(&self, a: &Candidate, b: &Candidate) -> std::cmp::Ordering {
-        match self.rule {
-            Rule::LeastOccluded if (a.gap_fraction - b.gap_fraction).abs() > SAME_GAP => {
-                b.gap_fraction.total_cmp(&a.gap_fraction)
-            }
-            Rule::LeastOccluded => a.area_px2.total_cmp(&b.area_px2),
-            Rule::Graspable => {
-                let score =
-                    |face: &Candidate| (1.0 - face.gap_fraction) * face.area_px2 * face.cosine;
-                score(a).total_cmp(&score(b))
-            }
-        }
+    fn best<'a>(&self, faces: &'a [Candidate]) -> Option<&'a Candidate> {
+        let least_gap = faces.iter().map(|face| face.gap_fraction).fold(1.0, f64::min);
+        let is_among = |face: &&Candidate| match self.rule {
+            Rule::LeastOccluded => face.gap_fraction <= least_gap + SAME_GAP,
+            Rule::Graspable => true,
+        };
+        let worth = |face: &Candidate| match self.rule {
+            Rule::LeastOccluded => face.area_px2,
+            Rule::Graspable => (1.0 - face.gap_fraction) * face.area_px2 * face.cosine,
+        };
+        faces.iter().filter(is_among).max_by(|a, b| worth(a).total_cmp(&worth(b)))
     }
 }
 
@@ -162,27 +157,31 @@ fn vertices(
     corners: &[&Corner],
     gate_px: f64,
 ) -> [Option<Vertex>; 8] {
-    let unknown = Matrix2::identity() * CORNER_SIGMA_PX * CORNER_SIGMA_PX;
-    std::array::from_fn(|index| {
-        if !fitted.cuboid.shows_vertex(index) {
-            return None;
+    let completed: [Option<Vertex>; 8] = std::array::from_fn(|index| {
+        let (point, covariance_px2) =
+            fitted.cuboid.shows_vertex(index).then(|| fitted.vertex(index, camera))??;
+        Some(Vertex { point, covariance_px2, is_seen: false })
+    });
+    let mut all = completed;
+    // Of corners that are near to one vertex the nearest; a corner is no two vertices.
+    let mut nearest_px = [gate_px; 8];
+    for corner in corners.iter().filter(|corner| corner.status.answered()) {
+        let distances_px = completed.iter().enumerate().filter_map(|(index, vertex)| {
+            Some((index, vertex.as_ref()?.point.distance_px(corner.position)))
+        });
+        let Some((index, distance_px)) = distances_px.min_by(|a, b| a.1.total_cmp(&b.1)) else {
+            continue;
+        };
+        if distance_px <= nearest_px[index] {
+            nearest_px[index] = distance_px;
+            all[index] = Some(Vertex {
+                point: corner.position,
+                covariance_px2: covariance_or_default_px2(corner.covariance_px2),
+                is_seen: true,
+            });
         }
-        let (point, covariance_px2) = fitted.vertex(index, camera)?;
-        let distance_px = |corner: &&&Corner| corner.position.distance_px(point);
-        let corner = corners
-            .iter()
-            .filter(|corner| corner.status.answered())
-            .min_by(|a, b| distance_px(a).total_cmp(&distance_px(b)))
-            .filter(|corner| distance_px(corner) <= gate_px);
-        Some(match corner {
-            Some(corner) => {
-                let own = corner.covariance_px2.filter(|own| own.cholesky().is_some());
-                let covariance_px2 = own.unwrap_or(unknown);
-                Vertex { point: corner.position, covariance_px2, is_seen: true }
-            }
-            None => Vertex { point, covariance_px2, is_seen: false },
-        })
-    })
+    }
+    all
 }
 
 /// The faces that look at the camera and whose corners are all known.
@@ -221,15 +220,6 @@ fn candidates<'a>(
     })
 }
 
-/// Positive of corners clockwise as seen.
-fn signed_area_px2(corners: &[ImagePoint; 4]) -> f64 {
-    let cross = |index: usize| {
-        let (a, b) = (corners[index], corners[(index + 1) % 4]);
-        a.x * b.y - b.x * a.y
-    };
-    0.5 * (0..4).map(cross).sum::<f64>()
-}
-
 /// The face with all that is seen of its cuboid, whose axes are numbered such that they are right-handed.
 fn face(best: &Candidate, all: &[Option<Vertex>; 8], cuboid: &Cuboid) -> Face {
     let is_mirrored = nalgebra::Matrix3::from_columns(&cuboid.axes).determinant() < 0.0;
@@ -255,5 +245,35 @@ fn face(best: &Candidate, all: &[Option<Vertex>; 8], cuboid: &Cuboid) -> Face {
             vertices: std::array::from_fn(seen),
             face: best.vertices.map(number),
         }),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn candidate(gap_fraction: f64, area_px2: f64, cosine: f64) -> Candidate {
+        let corners = [ImagePoint::new(0.0, 0.0); 4];
+        Candidate { vertices: [0; 4], corners, gap_fraction, area_px2, cosine }
+    }
+
+    #[test]
+    fn the_least_gap_decides_and_of_like_gaps_the_area_whatever_the_order() {
+        // Each is like the next, and the last not like the first.
+        let faces =
+            [candidate(0.0, 100.0, 1.0), candidate(0.015, 200.0, 1.0), candidate(0.03, 300.0, 1.0)];
+        let gap = |rule: Rule, order: [usize; 3]| {
+            let faces = order.map(|place| {
+                let Candidate { gap_fraction, area_px2, cosine, .. } = faces[place];
+                candidate(gap_fraction, area_px2, cosine)
+            });
+            let selector = CuboidFaces { rule, ..CuboidFaces::default() };
+            selector.best(&faces).expect("a face").gap_fraction
+        };
+        for order in [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]] {
+            assert!((gap(Rule::LeastOccluded, order) - 0.015).abs() < 1e-12, "{order:?}");
+            assert!((gap(Rule::Graspable, order) - 0.03).abs() < 1e-12, "{order:?}");
+        }
+        assert!(CuboidFaces::default().best(&[]).is_none());
     }
 }

@@ -22,7 +22,7 @@ use nalgebra::{Matrix2, Matrix3, Matrix3x2, Point3, SMatrix, Unit, Vector2, Vect
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::geometry::ImagePoint;
+use crate::geometry::{ImagePoint, diagonal_intersection};
 use crate::grasp::range_plane::RangePlane;
 use crate::grasp::{Approach, Face, Grasp, GraspEstimator, NoGrasp};
 use crate::registry::{Entry, defaults, parameters, schema};
@@ -75,10 +75,13 @@ impl GraspEstimator for FacePlane {
 
 /// The ray, at z = 1, on which the diagonals of a face meet: its centre's, whatever the perspective.
 pub(super) fn diagonal_ray(corners: &[ImagePoint; 4], rig: &Rig) -> Option<Vector3<f64>> {
-    let [a, b, c, d] = corners.each_ref().map(|corner| rig.camera.ray(*corner));
-    let meeting = a.cross(&c).cross(&b.cross(&d));
-    let ray = meeting / meeting.z;
-    (ray.iter().all(|value| value.is_finite()) && meeting.norm() > 0.0).then_some(ray)
+    // On the plane at z = 1 lines are straight.
+    let undistorted = corners.map(|corner| {
+        let ray = rig.camera.ray(corner);
+        ImagePoint::new(ray.x, ray.y)
+    });
+    let meeting = diagonal_intersection(&undistorted)?;
+    Some(Vector3::new(meeting.x, meeting.y, 1.0))
 }
 
 /// The covariance of that ray's x and y, by those of the corners.

@@ -47,6 +47,13 @@ pub struct SeenCuboid {
 /// What a corner's refiner is taken to err by that does not say it \[px\].
 pub const CORNER_SIGMA_PX: f64 = 0.3;
 
+/// What a refiner says of a corner, [`CORNER_SIGMA_PX`] in every direction where it says nothing, or what is none
+/// \[px^2\].
+pub fn covariance_or_default_px2(said: Option<Matrix2<f64>>) -> Matrix2<f64> {
+    let unknown = Matrix2::identity() * CORNER_SIGMA_PX * CORNER_SIGMA_PX;
+    said.filter(|covariance| covariance.cholesky().is_some()).unwrap_or(unknown)
+}
+
 impl Face {
     /// A face of corners among those that were found, whose covariances it has.
     pub fn of_corners(corners: [ImagePoint; 4], gap_fraction: f64, found: &[Corner]) -> Self {
@@ -60,10 +67,7 @@ impl Face {
 
     /// The covariance of a corner, [`CORNER_SIGMA_PX`] where nothing is known \[px^2\].
     pub fn covariance_px2(&self, corner: usize) -> Matrix2<f64> {
-        let unknown = Matrix2::identity() * CORNER_SIGMA_PX * CORNER_SIGMA_PX;
-        self.covariances_px2[corner]
-            .filter(|covariance| covariance.cholesky().is_some())
-            .unwrap_or(unknown)
+        covariance_or_default_px2(self.covariances_px2[corner])
     }
 
     /// The vertices of its cuboid that are seen, and which are the face's: those of a face alone where nothing else was

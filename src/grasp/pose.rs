@@ -222,7 +222,7 @@ fn residuals(
 }
 
 /// How the image of a point moves with it \[px/m\].
-pub(super) fn projection_slope(camera: &Camera, point: &Point3<f64>) -> Option<Matrix2x3<f64>> {
+fn projection_slope(camera: &Camera, point: &Point3<f64>) -> Option<Matrix2x3<f64>> {
     if point.z <= 0.0 {
         return None;
     }

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
-use super::read_json;
+use super::run::read_json;
 use crate::error::{Error, Result};
 
 /// The file in a run's folder.

@@ -106,12 +106,6 @@ impl Answered {
         })?;
         Ok(Self { run, methods })
     }
-
-    /// Photographs to which a method's other programs gave no answer.
-    fn unanswered(&self, method: &str) -> i64 {
-        let own = self.run.failures.iter().filter(|failure| failure.method == method);
-        i64::try_from(own.map(|failure| failure.count).sum::<usize>()).unwrap_or(i64::MAX)
-    }
 }
 
 /// Compares two runs, method by method.
@@ -141,7 +135,9 @@ pub fn compare(first: &Answered, second: &Answered) -> Result<Comparison> {
         let both = first.keys().filter(|key| second.contains_key(*key));
         scenes.extend(both.map(|key| key.0.to_owned()));
         let mut compared = compared_method((&name.0, &name.1), &first, &second);
-        compared.unanswered_more = second_run.unanswered(&name.1) - first_run.unanswered(&name.1);
+        let [before, after] = [first_run, second_run]
+            .map(|of| i64::try_from(of.run.unanswered(&name.1)).unwrap_or(i64::MAX));
+        compared.unanswered_more = after - before;
         if compared.unanswered_more > 0 {
             compared.verdict = Verdict::Worse;
         }

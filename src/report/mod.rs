@@ -138,7 +138,7 @@ pub fn write(folder: &Path) -> Result<Report> {
     let (mut methods, mut given) = (Vec::new(), Vec::new());
     let (mut sections, mut misses) = (Vec::new(), Vec::new());
     records.for_each_method(|rows| {
-        let method = summarise_method(rows, &cameras, run.gate_px).with_failures(&run.failures);
+        let method = summarise_method(rows, &cameras, run.gate_px).of_run(&run);
         // On the refinement track there is no way from a target to a grasp to draw.
         if method.detector.is_some() {
             sections.extend(grasp_sections(folder, &report, &method, rows)?);

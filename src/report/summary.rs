@@ -5,7 +5,7 @@ use std::hash::Hash;
 
 use serde::Serialize;
 
-use crate::record::{FailureCount, Record, Timing, kind, status};
+use crate::record::{Record, RunDescription, Timing, kind, status};
 use crate::report::agreement::Agreement;
 use crate::report::contest::{Contest, contests};
 use crate::report::detection::{self, DetectionSummary};
@@ -211,13 +211,15 @@ pub(super) fn summarise_method(
 
 impl MethodSummary {
     /// It, with what its other programs did not answer in its run.
-    pub(super) fn with_failures(self, failures: &[FailureCount]) -> Self {
-        let own = failures.iter().filter(|failure| failure.method == self.method);
-        let unanswered = own.map(|failure| failure.count).sum();
-        if unanswered == 0 {
-            return self;
+    pub(super) fn of_run(self, run: &RunDescription) -> Self {
+        match run.unanswered(&self.method) {
+            0 => self,
+            unanswered => Self {
+                label: format!("{}, {unanswered} unanswered", self.label),
+                unanswered,
+                ..self
+            },
         }
-        Self { label: format!("{}, {unanswered} unanswered", self.label), unanswered, ..self }
     }
 }
 

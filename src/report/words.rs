@@ -151,8 +151,8 @@ pub fn grasps(summary: &Summary) -> Option<Words> {
     let last = ["NEES", "vertices mm", "px", "none"];
     let header =
         header.map(str::to_owned).into_iter().chain(of_good).chain(last.map(str::to_owned));
-    let degrees =
-        |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |deg| format!("{deg:.2}"));
+    let two_digits =
+        |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |value| format!("{value:.2}"));
     let rows = methods.into_iter().map(|(method, grasps)| {
         let share = |share: Option<Estimate>| percent(share.map(|share| share.value));
         let reasons: Vec<String> =
@@ -164,16 +164,16 @@ pub fn grasps(summary: &Summary) -> Option<Words> {
             between(grasps.error_mm, 2),
             format!(
                 "{}, {}",
-                px(grasps.median_in_face_error_mm),
-                px(grasps.median_normal_error_mm)
+                two_digits(grasps.median_in_face_error_mm),
+                two_digits(grasps.median_normal_error_mm)
             ),
             between(grasps.approach_error_deg, 2),
-            degrees(grasps.median_jaw_error_deg),
+            two_digits(grasps.median_jaw_error_deg),
         ];
         let last = [
-            degrees(grasps.median_nees),
-            px(grasps.median_mssd_mm),
-            px(grasps.median_mspd_px),
+            two_digits(grasps.median_nees),
+            two_digits(grasps.median_mssd_mm),
+            two_digits(grasps.median_mspd_px),
             if reasons.is_empty() { "-".to_owned() } else { reasons.join(", ") },
         ];
         first.into_iter().chain(grasps.good.map(share)).chain(last).collect()

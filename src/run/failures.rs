@@ -19,12 +19,14 @@ pub(super) fn count(records: &[Record]) -> Vec<FailureCount> {
     sum(failures.map(one))
 }
 
-/// Each method and status once, with the first one's reason.
+/// Each method and status once, photographs and ends apart, with the first one's reason.
 pub(super) fn sum(all: impl Iterator<Item = FailureCount>) -> Vec<FailureCount> {
     let mut sum: Vec<FailureCount> = Vec::new();
     for more in all {
-        let is_its =
-            |one: &&mut FailureCount| (&one.method, &one.status) == (&more.method, &more.status);
+        let is_its = |one: &&mut FailureCount| {
+            (&one.method, &one.status) == (&more.method, &more.status)
+                && one.is_of_the_end() == more.is_of_the_end()
+        };
         match sum.iter_mut().find(is_its) {
             Some(one) => {
                 one.count += more.count;

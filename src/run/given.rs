@@ -1,7 +1,7 @@
 //! The face of corners that are known to be which: what a grasp is worth when nothing but refinement can err.
 
 use crate::grasp::pose::SeenVertex;
-use crate::grasp::{CORNER_SIGMA_PX, Face, NoFace, SeenCuboid};
+use crate::grasp::{Face, NoFace, SeenCuboid, covariance_or_default_px2};
 use crate::refine::Corner;
 use crate::scene::{TrueCorner, TrueFace, Truth};
 
@@ -15,41 +15,36 @@ pub(super) fn face(
     asked: &[&TrueCorner],
     corners: &[Corner],
 ) -> Result<Face, NoFace> {
-    let unknown = nalgebra::Matrix2::identity() * CORNER_SIGMA_PX * CORNER_SIGMA_PX;
-    let mut vertices = [None; 8];
+    let mut vertices: [Option<SeenVertex>; 8] = [None; 8];
     for (asked, corner) in asked.iter().zip(corners).filter(|(_, corner)| corner.status.answered())
     {
         // A board has more corners, and is no cuboid.
         let Some(place) = vertices.get_mut(asked.index) else { return Err(NoFace::NoCuboid) };
-        let own = corner.covariance_px2.filter(|own| own.cholesky().is_some());
         *place = Some(SeenVertex {
             vertex: asked.index,
             point: corner.position,
-            covariance_px2: own.unwrap_or(unknown),
+            covariance_px2: covariance_or_default_px2(corner.covariance_px2),
         });
     }
     if vertices.iter().flatten().count() < 4 {
         return Err(NoFace::TooFewCorners);
     }
-    let whole = |face: &&TrueFace| {
-        face.facing
-            && face.corners.iter().all(|corner| vertices.get(*corner).is_some_and(Option::is_some))
+    // Clockwise as seen, where true faces are counter-clockwise from outside.
+    let seen = |face: &TrueFace| -> Option<[SeenVertex; 4]> {
+        let [a, b, c, d] = face.corners.map(|corner| vertices[corner]);
+        Some([a?, d?, c?, b?])
     };
-    let best = truth
+    let (best, seen) = truth
         .faces
         .iter()
-        .filter(whole)
-        .max_by(|a, b| a.visible_fraction.total_cmp(&b.visible_fraction))
+        .filter(|face| face.facing)
+        .filter_map(|face| Some((face, seen(face)?)))
+        .max_by(|(a, _), (b, _)| a.visible_fraction.total_cmp(&b.visible_fraction))
         .ok_or(NoFace::AllOccluded)?;
-    // Clockwise as seen.
-    let [a, b, c, d] = best.corners;
-    let order = [a, d, c, b];
-    let seen = order.map(|corner| vertices[corner]);
-    let [Some(first), ..] = seen else { return Err(NoFace::AllOccluded) };
     Ok(Face {
-        corners: seen.map(|vertex| vertex.unwrap_or(first).point),
-        covariances_px2: seen.map(|vertex| vertex.map(|vertex| vertex.covariance_px2)),
+        corners: seen.map(|vertex| vertex.point),
+        covariances_px2: seen.map(|vertex| Some(vertex.covariance_px2)),
         gap_fraction: 1.0 - best.visible_fraction,
-        cuboid: Some(SeenCuboid { vertices, face: order }),
+        cuboid: Some(SeenCuboid { vertices, face: seen.map(|vertex| vertex.vertex) }),
     })
 }

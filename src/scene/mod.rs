@@ -15,5 +15,5 @@ pub use film::{Coverage, Film};
 pub use geometry::{Geometry, NO_FACE, RangeRays, Surface};
 pub use truth::{
     Cause, EdgeAtCorner, EdgeEnd, FaceAtCorner, FalseJunction, IntervalEnd, SeenInterval,
-    TrueCorner, TrueEdge, TrueFace, Truth, Visibility, polygon_area_px2,
+    TrueCorner, TrueEdge, TrueFace, Truth, Visibility,
 };

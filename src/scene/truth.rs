@@ -3,7 +3,7 @@
 use nalgebra::{Point3, Vector2};
 use serde::{Deserialize, Serialize};
 
-use crate::geometry::{Camera, ImagePoint, Pose};
+use crate::geometry::{Camera, ImagePoint, Pose, signed_area_px2};
 use crate::junction::Junction;
 
 /// Corners, edges and faces of the target, as projected and as seen.
@@ -351,7 +351,7 @@ impl Truth {
     pub fn least_occluded_face(&self) -> Option<&TrueFace> {
         self.faces.iter().filter(|face| face.facing && face.visible_fraction > 0.0).max_by(
             |a, b| {
-                let image_area = |face| polygon_area_px2(&self.face_corners(face));
+                let image_area = |face| signed_area_px2(&self.face_corners(face)).abs();
                 (a.visible_fraction.total_cmp(&b.visible_fraction))
                     .then_with(|| image_area(a).total_cmp(&image_area(b)))
             },
@@ -389,11 +389,4 @@ impl Truth {
             && self.faces.iter().all(|f| f.corners.iter().all(corner))
             && self.false_junctions.iter().all(|junction| junction.edge.iter().all(edge))
     }
-}
-
-/// Area of a polygon \[px^2\], whatever its sense (shoelace formula).
-pub fn polygon_area_px2(points: &[ImagePoint]) -> f64 {
-    let next = points.iter().cycle().skip(1);
-    let twice: f64 = points.iter().zip(next).map(|(a, b)| a.x * b.y - b.x * a.y).sum();
-    0.5 * twice.abs()
 }

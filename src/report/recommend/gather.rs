@@ -204,7 +204,8 @@ pub(super) type Methods = Vec<(String, Splits)>;
 /// The methods that had no answer to some photograph: what they missed by that costs less than wrong answers, so nobody
 /// could tell whether they are better.
 pub(super) fn failed(runs: &[Measured]) -> impl Iterator<Item = &str> {
-    runs.iter().flat_map(|one| &one.run.failures).map(|failure| failure.method.as_str())
+    let all = runs.iter().flat_map(|one| &one.run.failures);
+    all.filter(|failure| !failure.is_of_the_end()).map(|failure| failure.method.as_str())
 }
 
 /// The sums of each scene, by what is judged together and by method.

@@ -189,6 +189,9 @@ fn a_crash_after_the_last_answer_takes_no_answer_away() {
     assert_eq!(status, "crashed");
     assert!(reason.contains("when all was asked it ended with exit code 9"), "{reason}");
     assert!(reason.contains("double free"), "{reason}");
+    let said = stdout(&found.output);
+    assert!(said.contains("faulty did not end well (crashed)"), "{said}");
+    assert!(!said.contains("unanswered"), "{said}");
 }
 
 /// Whether a process runs; one that has ended and that nobody has asked about is none.
