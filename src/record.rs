@@ -2,6 +2,7 @@
 //!
 //! The columns are described in `scenes/FORMAT.md`. A value that does not apply is null, never NaN.
 
+mod attempt;
 mod run;
 mod timing;
 
@@ -21,6 +22,7 @@ use serde::Deserialize;
 
 use crate::error::{Error, Result};
 
+pub use attempt::{Attempt, outcome, write_attempts};
 pub use run::{
     FailureCount, PicturesDescription, RunDescription, Sketch, pictures_folder, read_run,
     read_sketch,
@@ -313,19 +315,29 @@ pub struct Record {
 /// # Errors
 /// [`Error::Io`], or [`Error::Malformed`] from the encoder.
 pub fn write_records(path: &Path, records: &[Record]) -> Result<()> {
+    write_rows(path, records)
+}
+
+fn write_rows<T>(path: &Path, rows: &[T]) -> Result<()>
+where
+    for<'a> &'a [T]: RecordWriter<T>,
+{
     let failed = |error| Error::malformed(path, error);
-    let mut writer = writer(path)?;
+    let mut writer = writer::<T>(path)?;
     let mut group = writer.next_row_group().map_err(failed)?;
-    records.write_to_row_group(&mut group).map_err(failed)?;
+    rows.write_to_row_group(&mut group).map_err(failed)?;
     group.close().map_err(failed)?;
     writer.close().map_err(failed)?;
     Ok(())
 }
 
-fn writer(path: &Path) -> Result<SerializedFileWriter<File>> {
+fn writer<T>(path: &Path) -> Result<SerializedFileWriter<File>>
+where
+    for<'a> &'a [T]: RecordWriter<T>,
+{
     let file = File::create(path).map_err(Error::io(path, "create"))?;
     let failed = |error| Error::malformed(path, error);
-    let none: &[Record] = &[];
+    let none: &[T] = &[];
     let schema = none.schema().map_err(failed)?;
     let properties = WriterProperties::builder()
         .set_compression(parquet::basic::Compression::SNAPPY)
@@ -343,7 +355,7 @@ pub fn join_records<'a>(
     path: &Path,
     groups: impl Iterator<Item = (&'a Path, usize)>,
 ) -> Result<()> {
-    let mut writer = writer(path)?;
+    let mut writer = writer::<Record>(path)?;
     let mut open: Option<(&Path, File, ParquetMetaData)> = None;
     for (from, index) in groups {
         let failed = |error| Error::malformed(from, error);

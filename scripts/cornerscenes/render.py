@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import json
 import math
-import os
 import sys
 import time
 from collections import defaultdict
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict
 from functools import partial
@@ -21,7 +19,18 @@ from cornerscenes.ray_workers import RayWorkers
 from cornerscenes.storage import StorageError, storage_at
 from cornerscenes.tables import RecipeError
 from cornerscenes.tasks import Setting, Task, choose_variant, render_one, selected, tasks_of
-from cornerscenes.workers import Stop, Workers, WorkersError, available_cores
+from cornerscenes.workers import (
+    ALL_DONE,
+    INTERRUPTED,
+    NOT_STARTED,
+    SOME_FAILED,
+    Stop,
+    Tell,
+    Workers,
+    WorkersError,
+    available_cores,
+    event_channel,
+)
 
 # Loading a scene leaks in the renderer: a worker renders this many scenes and is replaced.
 SCENES_PER_WORKER = 8
@@ -35,12 +44,6 @@ NOT_HERE = (
     "it was rendered, but is not to be seen in {}: machines that render one dataset must share its "
     "folder; if they do, it only takes long to appear: run the same command again"
 )
-
-# What a run comes to, as exit codes.
-ALL_DONE, SOME_FAILED, NOT_STARTED, INTERRUPTED = 0, 1, 2, 130
-
-Tell = Callable[[Mapping[str, object]], None]
-
 
 def main() -> int:
     """Render a suite; progress goes to standard output as JSON lines.
@@ -60,7 +63,7 @@ def main() -> int:
     parser.add_argument("--variant", help="Mitsuba variant to use instead of the fastest")
     arguments = parser.parse_args()
     stop = Stop()
-    tell = _event_channel(stop)
+    tell = event_channel(stop)
     stop.listen()
     try:
         return Rendering(arguments, tell, stop).run()
@@ -238,25 +241,6 @@ class Rendering:
     def _tell_failed(self, task: Task, problem: str | None, left_s: float | None) -> None:
         what = {"scene": task.name, "key": task.key, "message": problem}
         self._tell({"event": "failed", **what, "left_s": left_s})
-
-
-def _event_channel(stop: Stop) -> Tell:
-    """Return what writes events to standard output, and send all else that is printed to error.
-
-    The renderer's own log goes to standard output; it must not stand between the events. When
-    nobody reads them any more, that is the wish to stop.
-    """
-    channel = os.fdopen(os.dup(1), "w", encoding="utf-8")
-    os.dup2(2, 1)
-
-    def tell(event: Mapping[str, object]) -> None:
-        try:
-            channel.write(json.dumps(event) + "\n")
-            channel.flush()
-        except OSError:
-            stop.request()
-
-    return tell
 
 
 if __name__ == "__main__":

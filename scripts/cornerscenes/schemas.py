@@ -5,7 +5,10 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from collections.abc import Mapping
 from pathlib import Path
+
+from pydantic import BaseModel
 
 from cornerscenes.library import Backgrounds, Lights, Materials
 from cornerscenes.recipes import Family, Suite
@@ -20,22 +23,22 @@ KINDS = {
 }
 
 
-def schema_text(kind: str) -> str:
+def schema_text(kind: type[BaseModel]) -> str:
     """Return the schema of a kind of recipe, as its file has it."""
-    schema = {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema_of(KINDS[kind])}
+    schema = {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema_of(kind)}
     return json.dumps(schema, indent=2, ensure_ascii=False) + "\n"
 
 
-def main() -> int:
-    """Write the schemas of the recipes that Python reads into a folder."""
-    parser = argparse.ArgumentParser(prog="cornerscenes.schemas", description=main.__doc__)
+def write_schemas(program: str, kinds: Mapping[str, type[BaseModel]]) -> int:
+    """Write the schemas of recipes that Python reads into the folder that the command line names."""
+    parser = argparse.ArgumentParser(prog=program, description=write_schemas.__doc__)
     parser.add_argument("folder", type=Path, help="where KIND.json is written")
     folder: Path = parser.parse_args().folder
     folder.mkdir(parents=True, exist_ok=True)
-    for kind in KINDS:
-        (folder / f"{kind}.json").write_text(schema_text(kind), encoding="utf-8")
+    for name, kind in kinds.items():
+        (folder / f"{name}.json").write_text(schema_text(kind), encoding="utf-8")
     return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(write_schemas("cornerscenes.schemas", KINDS))

@@ -6,12 +6,13 @@ the standard library break as a whole when one of their processes dies.
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import sys
 import threading
 import traceback
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from multiprocessing import get_context, parent_process
 from multiprocessing.connection import Connection, wait
@@ -23,6 +24,11 @@ from cornerscenes.tables import RecipeError
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
+
+# What a run comes to, as exit codes.
+ALL_DONE, SOME_FAILED, NOT_STARTED, INTERRUPTED = 0, 1, 2, 130
+
+Tell = Callable[[Mapping[str, object]], None]
 
 
 class WorkersError(Exception):
@@ -247,3 +253,22 @@ def available_cores() -> int:
     if sys.platform == "linux":
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
+
+
+def event_channel(stop: Stop) -> Tell:
+    """Return what writes events to standard output, and send all else that is printed to error.
+
+    The renderer's own log goes to standard output; it must not stand between the events. When
+    nobody reads them any more, that is the wish to stop.
+    """
+    channel = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    os.dup2(2, 1)
+
+    def tell(event: Mapping[str, object]) -> None:
+        try:
+            channel.write(json.dumps(event) + "\n")
+            channel.flush()
+        except OSError:
+            stop.request()
+
+    return tell

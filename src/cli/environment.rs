@@ -22,6 +22,8 @@ pub enum Purpose {
     Kornia,
     /// Learned detectors through onnxruntime.
     Onnx,
+    /// Grasps in physics.
+    Mujoco,
 }
 
 impl Purpose {
@@ -33,6 +35,7 @@ impl Purpose {
             Self::Peers => "peers",
             Self::Kornia => "kornia",
             Self::Onnx => "onnx",
+            Self::Mujoco => "mujoco",
         }
     }
 
@@ -44,6 +47,7 @@ impl Purpose {
             Self::Peers => "requirements-peers.txt",
             Self::Kornia => "requirements-kornia.txt",
             Self::Onnx => "requirements-onnx.txt",
+            Self::Mujoco => "requirements-mujoco.txt",
         }
     }
 }
@@ -94,14 +98,15 @@ pub fn present_python(root: &Path, purpose: Purpose) -> Result<Option<PathBuf>> 
 /// The Python program of an environment that holds what the one of a name does, where such is set up. "" is the one that
 /// the user has activated, else the project's that holds most.
 pub fn python_with(root: &Path, name: &str) -> Option<PathBuf> {
-    use Purpose::{Development, Kornia, Onnx, Peers, Ray, Rendering};
+    use Purpose::{Development, Kornia, Mujoco, Onnx, Peers, Ray, Rendering};
     let active = ["VIRTUAL_ENV", "CONDA_PREFIX"].into_iter().find_map(std::env::var_os);
     if let Some(active) = active.filter(|_| name.is_empty()) {
         return Some(program(Path::new(&active)));
     }
     let holding: &[Purpose] = match name {
-        "" => &[Kornia, Development, Peers, Onnx, Rendering, Ray],
-        "rendering" => &[Rendering, Development, Peers, Kornia, Onnx, Ray],
+        "" => &[Kornia, Development, Peers, Onnx, Rendering, Mujoco, Ray],
+        "rendering" => &[Rendering, Development, Peers, Kornia, Onnx, Mujoco, Ray],
+        "mujoco" => &[Mujoco, Development],
         "onnx" => &[Onnx, Development],
         "peers" => &[Peers, Kornia, Development],
         "kornia" => &[Kornia],

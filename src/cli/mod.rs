@@ -5,6 +5,7 @@ pub mod environment;
 mod estimate;
 mod export;
 mod expose;
+mod grasp;
 mod interrupt;
 mod list;
 mod locate;
@@ -19,6 +20,7 @@ mod recommend;
 mod render;
 mod report;
 mod schemas;
+mod script;
 mod setup;
 mod verify;
 
@@ -54,7 +56,7 @@ pub struct Global {
     /// Threads to measure or to render with; all cores where this is not given.
     #[arg(long, global = true, value_name = "N")]
     threads: Option<usize>,
-    /// Folder of suites, families, plans, cameras and range sensors to use instead of the project's own.
+    /// Folder of suites, families, plans, cameras, range sensors, grippers and robots to use instead of the project's own.
     #[arg(long, global = true, value_name = "DIR")]
     recipes: Option<PathBuf>,
 }
@@ -79,6 +81,8 @@ enum Command {
     /// Run a plan's pipelines over a rendered dataset, over pictures of one's own, or over junctions that it draws, and
     /// score them against truth.
     Measure(measure::Options),
+    /// Carry out the grasps of a run in physics: a robot, a gripper, friction and gravity in the rendered scenes.
+    Grasp(grasp::Options),
     /// Make the shards of a run one: the same records as an unsharded run has, byte for byte.
     Merge(merge::Options),
     /// Compare two runs of the same scenes: exit code 1 where a method became worse, and not by chance.
@@ -96,7 +100,7 @@ enum Command {
     Export(export::Options),
     /// Refine points of, or find corners in, a picture of one's own.
     Locate(locate::Options),
-    /// List what can be named: suites, families, plans, cameras, range sensors, algorithms.
+    /// List what can be named: suites, families, plans, cameras, range sensors, grippers, robots, algorithms.
     List(list::Options),
     /// Write the JSON Schemas by which editors complete and check the recipes.
     Schemas(schemas::Options),
@@ -139,6 +143,7 @@ fn run(arguments: &Arguments) -> Result<Ended> {
         Command::Setup(options) => setup::run(global, options),
         Command::Render(options) => render::run(global, options),
         Command::Measure(options) => measure::run(global, options),
+        Command::Grasp(options) => grasp::run(global, options),
         Command::Merge(options) => merge::run(global, options),
         Command::Compare(options) => compare::run(global, options),
         Command::Recommend(options) => recommend::run(global, options),

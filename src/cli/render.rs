@@ -1,15 +1,14 @@
 //! `cornerbench render`: the renderer's process, what it says, how it ends.
 
-use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
+use std::process::Command;
 
 use serde::Deserialize;
 
 use super::environment::{Purpose, present_python, python};
 use super::estimate::Estimate;
-use super::interrupt::{self, Asking};
 use super::progress::Progress;
+use super::script::Script;
 use super::{Ended, Global, default_output, print_line, project};
 use crate::error::{Error, Result};
 use crate::plan::read_table;
@@ -103,7 +102,7 @@ pub(super) fn render(global: &Global, options: &Options) -> Result<Ended> {
     let arguments = arguments(global, options, &recipes, &place(options)?);
     let mut command = Command::new(program);
     command.args(["-m", "cornerscenes.render"]).args(&arguments).current_dir(root.join("scripts"));
-    let renderer = Renderer::start(command)?;
+    let renderer = Script::start("the renderer", command)?;
     follow(global, renderer, options)
 }
 
@@ -132,7 +131,7 @@ fn arguments(global: &Global, options: &Options, recipes: &Path, place: &Path) -
 }
 
 /// Shows what the renderer says, to its end.
-fn follow(global: &Global, mut renderer: Renderer, options: &Options) -> Result<Ended> {
+fn follow(global: &Global, mut renderer: Script<Event>, options: &Options) -> Result<Ended> {
     let suite = &options.suite;
     let mut progress = Progress::new(global);
     progress.doing("looking at what is there");
@@ -189,16 +188,7 @@ fn follow(global: &Global, mut renderer: Renderer, options: &Options) -> Result<
         Some(estimate) => print_line(estimate)?,
         None => {}
     }
-    let (code, last) = renderer.end()?;
-    match (refused, code) {
-        (Some(message), _) => Err(Error::Other(message)),
-        (None, Some(0 | 1)) => Ok(ended),
-        (None, Some(code)) if code == i32::from(interrupt::EXIT_CODE) => Ok(Ended::Interrupted),
-        (None, code) => {
-            let code = code.map_or("a signal".to_owned(), |code| format!("exit code {code}"));
-            Err(failed(format!("ended with {code}: {last}")))
-        }
-    }
+    renderer.end(refused, ended)
 }
 
 /// The command that renders the same again, or one scene of it alone.
@@ -224,68 +214,4 @@ fn again(global: &Global, options: &Options, scene: Option<&str>) -> String {
         }
     }
     words.join(" ")
-}
-
-fn failed(problem: String) -> Error {
-    Error::Program { program: "the renderer".into(), problem }
-}
-
-/// The renderer's process. An interrupt asks it to stop; it does not outlive this.
-struct Renderer {
-    child: Child,
-    events: std::io::Lines<BufReader<std::process::ChildStdout>>,
-    complaints: Option<std::thread::JoinHandle<String>>,
-    _asking: Asking,
-}
-
-impl Renderer {
-    fn start(mut command: Command) -> Result<Self> {
-        command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
-        let mut child =
-            command.spawn().map_err(|error| failed(format!("cannot start: {error}")))?;
-        let (Some(input), Some(output), Some(mut errors)) =
-            (child.stdin.take(), child.stdout.take(), child.stderr.take())
-        else {
-            return Err(failed("has no input or output".into()));
-        };
-        let complaints = std::thread::spawn(move || {
-            let mut text = Vec::new();
-            // What cannot be read of the complaints is not worth an error of its own.
-            let _ = errors.read_to_end(&mut text);
-            String::from_utf8_lossy(&text).into_owned()
-        });
-        Ok(Self {
-            child,
-            events: BufReader::new(output).lines(),
-            complaints: Some(complaints),
-            _asking: Asking::through(input)?,
-        })
-    }
-
-    /// What it says next; `None` when it says no more.
-    fn next_event(&mut self) -> Result<Option<Event>> {
-        let Some(line) = self.events.next() else { return Ok(None) };
-        let line = line.map_err(|error| failed(format!("its output broke off: {error}")))?;
-        serde_json::from_str(&line)
-            .map(Some)
-            .map_err(|error| failed(format!("said what is no event ({error}): {line}")))
-    }
-
-    /// Waits for its end; returns its exit code and the last it complained of.
-    fn end(&mut self) -> Result<(Option<i32>, String)> {
-        let status = self.child.wait();
-        let status = status.map_err(|error| failed(format!("cannot be waited for: {error}")))?;
-        let complaints = self.complaints.take().and_then(|thread| thread.join().ok());
-        let complaints = complaints.unwrap_or_default();
-        let lines: Vec<&str> = complaints.lines().collect();
-        Ok((status.code(), lines[lines.len().saturating_sub(3)..].join(" | ")))
-    }
-}
-
-impl Drop for Renderer {
-    fn drop(&mut self) {
-        // Both fail when it has ended already, which is the usual case.
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
 }

@@ -28,19 +28,21 @@ pub(super) fn run(global: &Global, options: &Options) -> Result<Ended> {
     write_json(&folder.join("programs.json"), &crate::external::schema())?;
     write_json(&folder.join("camera.json"), &schema::<CameraModel>())?;
     write_json(&folder.join("range-sensor.json"), &schema::<RangeSensor>())?;
-    // Families, suites and libraries are Python's to read, so their schemas are Python's to write.
-    let failed =
-        |problem: String| Error::Program { program: "cornerscenes.schemas".into(), problem };
-    let output = Command::new(python(&root, Purpose::Rendering, &|line| global.say(line))?)
-        .args(["-m", "cornerscenes.schemas"])
-        .arg(&folder)
-        .current_dir(root.join("scripts"))
-        .output()
-        .map_err(|error| failed(format!("cannot start: {error}")))?;
-    if !output.status.success() {
-        let complaint = String::from_utf8_lossy(&output.stderr);
-        let last = complaint.lines().last().unwrap_or_default();
-        return Err(failed(format!("ended with {}: {last}", output.status)));
+    // What Python reads has its schemas from there.
+    let python = python(&root, Purpose::Rendering, &|line| global.say(line))?;
+    for module in ["cornerscenes.schemas", "cornergrasps.schemas"] {
+        let failed = |problem: String| Error::Program { program: module.into(), problem };
+        let output = Command::new(&python)
+            .args(["-m", module])
+            .arg(&folder)
+            .current_dir(root.join("scripts"))
+            .output()
+            .map_err(|error| failed(format!("cannot start: {error}")))?;
+        if !output.status.success() {
+            let complaint = String::from_utf8_lossy(&output.stderr);
+            let last = complaint.lines().last().unwrap_or_default();
+            return Err(failed(format!("ended with {}: {last}", output.status)));
+        }
     }
     global.say(format!("schemas: {}", folder.display()));
     Ok(Ended::Well)

@@ -23,6 +23,9 @@ pub(super) struct Options {
     /// Set up another environment, with onnxruntime: for learned detectors (`cornerbench list programs`).
     #[arg(long)]
     onnx: bool,
+    /// Set up another environment, with MuJoCo: for `cornerbench grasp`, which else does so itself.
+    #[arg(long)]
+    mujoco: bool,
 }
 
 pub(super) fn run(global: &Global, options: &Options) -> Result<Ended> {
@@ -32,6 +35,7 @@ pub(super) fn run(global: &Global, options: &Options) -> Result<Ended> {
         Options { peers: true, .. } => Purpose::Peers,
         Options { kornia: true, .. } => Purpose::Kornia,
         Options { onnx: true, .. } => Purpose::Onnx,
+        Options { mujoco: true, .. } => Purpose::Mujoco,
         _ => Purpose::Rendering,
     };
     let program = python(&project::root()?, purpose, &|line| global.say(line))?;

@@ -13,6 +13,9 @@ pub(super) const DRAWN: &str = include_str!("html/drawn.html");
 /// Which method to use.
 pub(super) const RECOMMENDATION: &str = include_str!("html/recommendation.html");
 
+/// What became of grasps in physics.
+pub(super) const ATTEMPTS: &str = include_str!("html/attempts.html");
+
 /// A page of its content, escaped.
 ///
 /// # Errors

@@ -1,6 +1,7 @@
 //! Records -> terminal, page and pictures. Reads a run's folder; runs no algorithm.
 
 pub mod agreement;
+pub mod attempts;
 mod axis;
 pub mod compare;
 pub mod contest;

@@ -19,6 +19,11 @@ pub use refiners::{families, refinement, results, shifts};
 
 /// A length in pixels; "-" of nothing.
 pub fn px(value: Option<f64>) -> String {
+    two_digits(value)
+}
+
+/// A number with two digits behind the point; "-" of nothing.
+pub fn two_digits(value: Option<f64>) -> String {
     value.map_or_else(|| "-".to_owned(), |value| format!("{value:.2}"))
 }
 
@@ -151,8 +156,6 @@ pub fn grasps(summary: &Summary) -> Option<Words> {
     let last = ["NEES", "vertices mm", "px", "none"];
     let header =
         header.map(str::to_owned).into_iter().chain(of_good).chain(last.map(str::to_owned));
-    let two_digits =
-        |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |value| format!("{value:.2}"));
     let rows = methods.into_iter().map(|(method, grasps)| {
         let share = |share: Option<Estimate>| percent(share.map(|share| share.value));
         let reasons: Vec<String> =

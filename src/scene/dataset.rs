@@ -140,6 +140,11 @@ impl Dataset {
         self.entry(scene).map(|entry| &entry.renderer)
     }
 
+    /// The hash of what a scene was rendered from.
+    pub fn recipe_sha256(&self, scene: &str) -> Option<&str> {
+        self.entry(scene).map(|entry| entry.recipe_sha256.as_str())
+    }
+
     /// A hash of all that a scene's files hold; `None` of one that the manifest does not name.
     pub fn fingerprint(&self, scene: &str) -> Option<String> {
         let mut text = String::new();
