@@ -10,9 +10,9 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-import mujoco
 import numpy as np
 
+from cornergrasps.engine import mj
 from cornergrasps.execute import Watch, execute
 from cornergrasps.grasp import Grasp
 from cornergrasps.model import Model, build
@@ -106,7 +106,7 @@ class Stage:
         self.scenery = Scenery.read(dataset / name)
         self.robot, self.gripper = robot, gripper
         self.model: Model = build(self.scenery, robot, gripper)
-        self.data = mujoco.MjData(self.model.model)
+        self.data = mj.MjData(self.model.model)
 
     def planned(self, grasp: Grasp, knows_target: bool = False) -> Plan | str:
         """Return how a grasp is carried out, or what hinders it."""
@@ -142,7 +142,10 @@ class Stage:
 
 
 def true_grasps(truth: dict[str, Any]) -> list[Grasp]:
-    """Return the true grasps of the faces in view: the least occluded first, its shorter side first."""
+    """Return the true grasps of the faces in view.
+
+    The least occluded face comes first, and of each face the shorter side.
+    """
     corners = truth["corners"]
     found = []
     in_view = [face for face in truth["faces"] if face["visible_fraction"] > 0.0]
@@ -152,7 +155,9 @@ def true_grasps(truth: dict[str, Any]) -> list[Grasp]:
         for side in sides:
             extent_m = float(np.linalg.norm(side))
             found.append(
-                Grasp(np.array(face["centre_m"]), np.array(face["normal"]), side / extent_m, extent_m)
+                Grasp(
+                    np.array(face["centre_m"]), np.array(face["normal"]), side / extent_m, extent_m
+                )
             )
     return found
 

@@ -49,9 +49,7 @@ def pieces(parts: Sequence[Part]) -> list[Points]:
     return found
 
 
-def surface_points(
-    vertices: Points, triangles: Int[np.ndarray, "m 3"], spacing_m: float
-) -> Points:
+def surface_points(vertices: Points, triangles: Int[np.ndarray, "m 3"], spacing_m: float) -> Points:
     """Return points on a mesh that are no farther from each other than about this [m]."""
     return _fine(vertices, triangles, spacing_m)[0]
 

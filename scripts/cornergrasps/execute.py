@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Literal
 
-import mujoco
 import numpy as np
 from jaxtyping import Float
 
+from cornergrasps.engine import Data, mj
 from cornergrasps.grasp import STEP_M
 from cornergrasps.model import STEP_S, Model, Obstacle
 from cornergrasps.plan import Plan, place
@@ -32,7 +33,8 @@ CLOSE_S = 0.6
 SETTLE_S = 0.2
 HOLD_S = 0.8
 
-# A target that was moved so far before the jaws close was bumped into [m], [deg]; or by such a force [N].
+# A target that is moved so far, or pressed so hard, before the jaws close was bumped into [m], [deg],
+# [N].
 BUMPED_M = 0.005
 BUMPED_DEG = 3.0
 BUMPED_N = 20.0
@@ -47,7 +49,7 @@ SLIPPED_DEG = 5.0
 # Contacts are looked at every so many steps.
 _EVERY = 5
 
-Watch = Callable[[str, mujoco.MjData], None]
+Watch = Callable[[str, Data], None]
 
 
 @dataclass(frozen=True)
@@ -72,7 +74,7 @@ class Result:
 
 def execute(
     model: Model,
-    data: mujoco.MjData,
+    data: Data,
     gripper: Gripper,
     plan: Plan,
     watch: Watch = lambda phase, data: None,
@@ -83,7 +85,7 @@ def execute(
     ----------
     model : Model
         The scene.
-    data : mujoco.MjData
+    data : Data
         Is set anew: nothing of what it holds matters.
     gripper : Gripper
         The gripper of the model.
@@ -95,21 +97,21 @@ def execute(
     return _Execution(model, data, gripper, plan, watch).run()
 
 
-class _Bumped(Exception):
+class _BumpError(Exception):
     def __init__(self, outcome: Obstacle) -> None:
         self.outcome: Obstacle = outcome
 
 
 class _Execution:
     def __init__(
-        self, model: Model, data: mujoco.MjData, gripper: Gripper, plan: Plan, watch: Watch
+        self, model: Model, data: Data, gripper: Gripper, plan: Plan, watch: Watch
     ) -> None:
         self.model, self.data, self.plan, self.watch = model, data, plan, watch
         self.closed = 0.5 * gripper.least_opening_m
-        mujoco.mj_resetData(model.model, data)
+        mj.mj_resetData(model.model, data)
         place(model, data, plan, plan.there[0])
         self._tell(plan.there[0], 0.5 * plan.opened_m)
-        mujoco.mj_forward(model.model, data)
+        mj.mj_forward(model.model, data)
         self.start = self._target()
         self.force = np.zeros(6)
         self.brushed: Obstacle | None = None
@@ -120,7 +122,7 @@ class _Execution:
         try:
             self._move("approach", self.plan.there, opened, self._check_untouched)
             self._wait("approach", SETTLE_S, self._check_untouched)
-        except _Bumped as bumped:
+        except _BumpError as bumped:
             return Result(bumped.outcome, self._pushed()[0] * 1e3)
         pushed_mm = self._pushed()[0] * 1e3
         self._tell(self.plan.there[-1], self.closed)
@@ -132,7 +134,7 @@ class _Execution:
         try:
             self._move("lift", self.plan.up, self.closed, self._check_lift)
             self._wait("hold", HOLD_S, self._check_lift)
-        except _Bumped as bumped:
+        except _BumpError as bumped:
             return Result(bumped.outcome, pushed_mm)
         slip_m, slip_deg = _moved(held, self._target_in_hand())
         outcome: Outcome = "success"
@@ -152,23 +154,21 @@ class _Execution:
         check: Callable[[], None],
     ) -> None:
         steps = round(STEP_M / SPEED_M_S / STEP_S)
-        for start, end in zip(way[:-1], way[1:], strict=True):
+        for start, end in pairwise(way):
             for step in range(steps):
                 self._tell(start + (step + 1) / steps * (end - start), half_opening_m)
                 self._step(phase)
                 if step % _EVERY == 0:
                     check()
 
-    def _wait(
-        self, phase: str, time_s: float, check: Callable[[], None] = lambda: None
-    ) -> None:
+    def _wait(self, phase: str, time_s: float, check: Callable[[], None] = lambda: None) -> None:
         for step in range(round(time_s / STEP_S)):
             self._step(phase)
             if step % _EVERY == 0:
                 check()
 
     def _step(self, phase: str) -> None:
-        mujoco.mj_step(self.model.model, self.data)
+        mj.mj_step(self.model.model, self.data)
         self.watch(phase, self.data)
 
     def _tell(self, joints: Float[np.ndarray, " k"], half_opening_m: float) -> None:
@@ -180,7 +180,7 @@ class _Execution:
         for index, geometries in enumerate(self.data.contact.geom):
             touched = self.model.touched(geometries)
             if touched is not None and self._normal_force(index) > TOUCHED_N:
-                raise _Bumped(touched)
+                raise _BumpError(touched)
 
     def _check_lift(self) -> None:
         """Remember what the target in the jaws is dragged against."""
@@ -195,18 +195,18 @@ class _Execution:
         self._check_room()
         pushed_m, turned_deg = self._pushed()
         if pushed_m > BUMPED_M or turned_deg > BUMPED_DEG:
-            raise _Bumped("target")
-        for index, geometries in enumerate(self.data.contact.geom):
-            pair = {int(geometry) for geometry in geometries}
-            if (
-                self.model.target in pair
-                and pair & self.model.hand
-                and self._normal_force(index) > BUMPED_N
-            ):
-                raise _Bumped("target")
+            raise _BumpError("target")
+        force_n = sum(
+            self._normal_force(index)
+            for index, geometries in enumerate(self.data.contact.geom)
+            if self.model.target in geometries
+            and not self.model.hand.isdisjoint(int(geometry) for geometry in geometries)
+        )
+        if force_n > BUMPED_N:
+            raise _BumpError("target")
 
     def _normal_force(self, contact: int) -> float:
-        mujoco.mj_contactForce(self.model.model, self.data, contact, self.force)
+        mj.mj_contactForce(self.model.model, self.data, contact, self.force)
         return float(self.force[0])
 
     def _holds(self) -> bool:
@@ -234,7 +234,7 @@ def _is_slip(slip_m: float, slip_deg: float) -> bool:
     return slip_m > SLIPPED_M or slip_deg > SLIPPED_DEG
 
 
-def _pose_of(data: mujoco.MjData, body: int) -> Float[np.ndarray, "4 4"]:
+def _pose_of(data: Data, body: int) -> Float[np.ndarray, "4 4"]:
     pose = np.eye(4)
     pose[:3, :3] = data.xmat[body].reshape(3, 3)
     pose[:3, 3] = data.xpos[body]

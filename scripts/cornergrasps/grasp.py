@@ -76,7 +76,7 @@ class Grasp:
 
     def way_up_m(self) -> Float[np.ndarray, "n 3"]:
         """Return the places of the gripper's origin from the face to where it holds."""
-        return _line(self.point_m, self.point_m + [0.0, 0.0, LIFT_M])
+        return _line(self.point_m, self.point_m + LIFT_M * np.eye(3)[2])
 
 
 def _line(start: Float[np.ndarray, "3"], end: Float[np.ndarray, "3"]) -> Float[np.ndarray, "n 3"]:

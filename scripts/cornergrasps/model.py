@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from cornerscenes.camera import transformed
 from cornergrasps.clutter import pieces
+from cornergrasps.engine import Body, CompiledModel, Spec, mj
 from cornergrasps.recipes import Arm, Gripper, Robot
 from cornergrasps.scenery import Scenery
+from cornerscenes.camera import transformed
 
 # Of what the targets are: a rigid foam, so that an arm for half a kilogram lifts the largest.
 DENSITY_KG_M3 = 60.0
@@ -45,7 +45,7 @@ class Model:
 
     Attributes
     ----------
-    model : mujoco.MjModel
+    model : CompiledModel
         The model.
     room : dict[int, str]
         Of each geometry that is neither target nor robot what touching it is called: "ground",
@@ -62,7 +62,7 @@ class Model:
         How many joints carry the gripper.
     """
 
-    model: mujoco.MjModel
+    model: CompiledModel
     room: dict[int, Obstacle]
     robot: frozenset[int]
     fingers: tuple[frozenset[int], frozenset[int]]
@@ -88,19 +88,20 @@ class Model:
 
 def build(scenery: Scenery, robot: Robot, gripper: Gripper) -> Model:
     """Return the model of a scene with a robot whose place is still to be chosen."""
-    spec = mujoco.MjSpec()
+    spec = mj.MjSpec()
     spec.compiler.degree = False
     spec.memory = _MEMORY_BYTES
     spec.option.timestep = STEP_S
-    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    spec.option.integrator = mj.mjtIntegrator.mjINT_IMPLICITFAST
+    spec.option.cone = mj.mjtCone.mjCONE_ELLIPTIC
     spec.option.impratio = 20.0  # friction that does not creep
     spec.option.noslip_iterations = 3
+    spec.default.geom.solref = [2.0 * STEP_S, 1.0]  # as hard as the steps allow
     names = _room(spec, scenery)
     _target(spec, scenery)
     joints = _robot(spec, robot, gripper)
     model = spec.compile()
-    room = {model.geom(name).id: called for name, called in names.items()}
+    room: dict[int, Obstacle] = {model.geom(name).id: called for name, called in names.items()}
     left, right = (
         frozenset({model.geom(f"{side} pad").id, model.geom(f"{side} finger").id})
         for side in ("left", "right")
@@ -111,7 +112,7 @@ def build(scenery: Scenery, robot: Robot, gripper: Gripper) -> Model:
     return Model(model, room, own, (left, right), hand, target, joints)
 
 
-def _room(spec: mujoco.MjSpec, scenery: Scenery) -> dict[str, Obstacle]:
+def _room(spec: Spec, scenery: Scenery) -> dict[str, Obstacle]:
     """Add floor, walls and clutter; return what touching each of them is called."""
     world = spec.worldbody
     names: dict[str, Obstacle] = {}
@@ -125,7 +126,7 @@ def _room(spec: mujoco.MjSpec, scenery: Scenery) -> dict[str, Obstacle]:
         turn = np.column_stack([axes[0] / sides[0], axes[1] / sides[1], normal])
         world.add_geom(
             name=name,
-            type=mujoco.mjtGeom.mjGEOM_BOX,
+            type=mj.mjtGeom.mjGEOM_BOX,
             size=[*(0.5 * sides + _WALL_M), 0.5 * _WALL_M],
             pos=0.5 * (first + third) - 0.5 * _WALL_M * normal,
             quat=quaternion(turn),
@@ -135,9 +136,9 @@ def _room(spec: mujoco.MjSpec, scenery: Scenery) -> dict[str, Obstacle]:
     for thing in scenery.things:
         for index, points in enumerate(pieces(thing.parts)):
             name = f"{thing.name} {index}"
-            mesh = spec.add_mesh(name=name, inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL)
+            mesh = spec.add_mesh(name=name, inertia=mj.mjtMeshInertia.mjMESH_INERTIA_SHELL)
             mesh.uservert = transformed(thing.world_from_object, points).ravel()
-            world.add_geom(name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, **touched)
+            world.add_geom(name=name, type=mj.mjtGeom.mjGEOM_MESH, meshname=name, **touched)
             names[name] = "clutter"
     return names
 
@@ -148,7 +149,7 @@ def _floor_below(scenery: Scenery) -> Float[np.ndarray, "4 3"]:
     return np.array([[x + a, y + b, 0.0] for a, b in ((-2, -2), (2, -2), (2, 2), (-2, 2))])
 
 
-def _target(spec: mujoco.MjSpec, scenery: Scenery) -> None:
+def _target(spec: Spec, scenery: Scenery) -> None:
     body = spec.worldbody.add_body(
         name="target",
         pos=scenery.centre_m,
@@ -157,7 +158,7 @@ def _target(spec: mujoco.MjSpec, scenery: Scenery) -> None:
     body.add_freejoint(name="target")
     body.add_geom(
         name="target",
-        type=mujoco.mjtGeom.mjGEOM_BOX,
+        type=mj.mjtGeom.mjGEOM_BOX,
         size=0.5 * scenery.size_m,
         density=DENSITY_KG_M3,
         contype=_TARGET,
@@ -166,8 +167,8 @@ def _target(spec: mujoco.MjSpec, scenery: Scenery) -> None:
     )
     spec.add_equality(
         name="held",
-        type=mujoco.mjtEq.mjEQ_WELD,
-        objtype=mujoco.mjtObj.mjOBJ_BODY,
+        type=mj.mjtEq.mjEQ_WELD,
+        objtype=mj.mjtObj.mjOBJ_BODY,
         name1="target",
         name2="world",
         data=[0.0] * 10 + [1.0, 0.0],  # as it is, turned as stiffly as moved
@@ -176,7 +177,7 @@ def _target(spec: mujoco.MjSpec, scenery: Scenery) -> None:
     )
 
 
-def _robot(spec: mujoco.MjSpec, robot: Robot, gripper: Gripper) -> int:
+def _robot(spec: Spec, robot: Robot, gripper: Gripper) -> int:
     """Add the robot; return how many joints carry the gripper."""
     root = spec.worldbody.add_body(name="root", mocap=True)
     if robot.arm is None:
@@ -187,21 +188,21 @@ def _robot(spec: mujoco.MjSpec, robot: Robot, gripper: Gripper) -> int:
     return count
 
 
-def _carriage(spec: mujoco.MjSpec, root: mujoco.MjsBody, gripper: Gripper) -> mujoco.MjsBody:
+def _carriage(spec: Spec, root: Body, gripper: Gripper) -> Body:
     """Add three straight joints, along the axes of the gripper's frame."""
     hand = root.add_body(name="hand", gravcomp=1.0)
     for axis in range(3):
         name = "xyz"[axis]
         hand.add_joint(
             name=name,
-            type=mujoco.mjtJoint.mjJNT_SLIDE,
+            type=mj.mjtJoint.mjJNT_SLIDE,
             axis=np.eye(3)[axis],
         )
         _drive(spec, name, gripper.mass_kg + 1.0, 400.0)
     return hand
 
 
-def _arm(spec: mujoco.MjSpec, root: mujoco.MjsBody, arm: Arm, gripper: Gripper) -> mujoco.MjsBody:
+def _arm(spec: Spec, root: Body, arm: Arm, gripper: Gripper) -> Body:
     """Add the five links; the root's frame is the first axis, on the floor, forwards along x."""
     up = np.array([0.0, 0.0, 1.0])
     places = [
@@ -223,9 +224,9 @@ def _arm(spec: mujoco.MjSpec, root: mujoco.MjsBody, arm: Arm, gripper: Gripper) 
         low, high = np.radians(arm.limits_deg[index])
         body.add_joint(
             name=name,
-            type=mujoco.mjtJoint.mjJNT_HINGE,
+            type=mj.mjtJoint.mjJNT_HINGE,
             axis=axis,
-            limited=mujoco.mjtLimited.mjLIMITED_TRUE,
+            limited=mj.mjtLimited.mjLIMITED_TRUE,
             range=[low, high],
             armature=0.01,
         )
@@ -237,12 +238,10 @@ def _arm(spec: mujoco.MjSpec, root: mujoco.MjsBody, arm: Arm, gripper: Gripper) 
             "conaffinity": _ROOM,
         }
         if length is None:
-            body.add_geom(
-                type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[arm.radius_m, 0.0, 0.0], **shape
-            )
+            body.add_geom(type=mj.mjtGeom.mjGEOM_SPHERE, size=[arm.radius_m, 0.0, 0.0], **shape)
         else:
             body.add_geom(
-                type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+                type=mj.mjtGeom.mjGEOM_CAPSULE,
                 fromto=[0.0, 0.0, 0.0, 0.0, 0.0, length],
                 size=[arm.radius_m, 0.0, 0.0],
                 **shape,
@@ -261,22 +260,22 @@ def reach_m(gripper: Gripper) -> float:
     return gripper.palm_m[2] + gripper.finger_m[2] - gripper.depth_m
 
 
-def _drive(spec: mujoco.MjSpec, joint: str, inertia: float, most: float) -> None:
+def _drive(spec: Spec, joint: str, inertia: float, most: float) -> None:
     """Add a motor that holds a joint where it is told to be."""
     spec.add_actuator(
         name=joint,
-        trntype=mujoco.mjtTrn.mjTRN_JOINT,
+        trntype=mj.mjtTrn.mjTRN_JOINT,
         target=joint,
-        gaintype=mujoco.mjtGain.mjGAIN_FIXED,
+        gaintype=mj.mjtGain.mjGAIN_FIXED,
         gainprm=[_STIFFNESS * inertia] + [0.0] * 9,
-        biastype=mujoco.mjtBias.mjBIAS_AFFINE,
+        biastype=mj.mjtBias.mjBIAS_AFFINE,
         biasprm=[0.0, -_STIFFNESS * inertia, -2.0 * np.sqrt(_STIFFNESS) * inertia] + [0.0] * 7,
-        forcelimited=mujoco.mjtLimited.mjLIMITED_TRUE,
+        forcelimited=mj.mjtLimited.mjLIMITED_TRUE,
         forcerange=[-most, most],
     )
 
 
-def _hand(spec: mujoco.MjSpec, hand: mujoco.MjsBody, gripper: Gripper) -> None:
+def _hand(spec: Spec, hand: Body, gripper: Gripper) -> None:
     """Add palm and fingers: x along the jaws, z the way it comes, the origin on the face."""
     robot = {"contype": _ROBOT, "conaffinity": _ROOM, "friction": [FRICTION, 0.005, 0.0001]}
     thickness, width, length = gripper.finger_m
@@ -284,7 +283,7 @@ def _hand(spec: mujoco.MjSpec, hand: mujoco.MjsBody, gripper: Gripper) -> None:
     back = gripper.depth_m - length
     hand.add_geom(
         name="palm",
-        type=mujoco.mjtGeom.mjGEOM_BOX,
+        type=mj.mjtGeom.mjGEOM_BOX,
         size=[0.5 * side for side in gripper.palm_m],
         pos=[0.0, 0.0, back - 0.5 * gripper.palm_m[2]],
         mass=0.7 * gripper.mass_kg,
@@ -295,9 +294,9 @@ def _hand(spec: mujoco.MjSpec, hand: mujoco.MjsBody, gripper: Gripper) -> None:
         finger = hand.add_body(name=f"{side} finger", gravcomp=1.0)
         finger.add_joint(
             name=side,
-            type=mujoco.mjtJoint.mjJNT_SLIDE,
+            type=mj.mjtJoint.mjJNT_SLIDE,
             axis=[sign, 0.0, 0.0],
-            limited=mujoco.mjtLimited.mjLIMITED_TRUE,
+            limited=mj.mjtLimited.mjLIMITED_TRUE,
             range=[0.5 * gripper.least_opening_m, half + 1e-4],
             damping=20.0,
             armature=0.5,
@@ -305,15 +304,19 @@ def _hand(spec: mujoco.MjSpec, hand: mujoco.MjsBody, gripper: Gripper) -> None:
         pad_thickness = 0.002
         finger.add_geom(
             name=f"{side} finger",
-            type=mujoco.mjtGeom.mjGEOM_BOX,
+            type=mj.mjtGeom.mjGEOM_BOX,
             size=[0.5 * (thickness - pad_thickness), 0.5 * width, 0.5 * length],
-            pos=[sign * (pad_thickness + 0.5 * (thickness - pad_thickness)), 0.0, back + 0.5 * length],
+            pos=[
+                sign * (pad_thickness + 0.5 * (thickness - pad_thickness)),
+                0.0,
+                back + 0.5 * length,
+            ],
             mass=0.15 * gripper.mass_kg,
             **robot,
         )
         finger.add_geom(
             name=f"{side} pad",
-            type=mujoco.mjtGeom.mjGEOM_BOX,
+            type=mj.mjtGeom.mjGEOM_BOX,
             size=[0.5 * pad_thickness, 0.5 * pad_width, 0.5 * pad_length],
             pos=[sign * 0.5 * pad_thickness, 0.0, gripper.depth_m - 0.5 * pad_length],
             mass=0.001,
@@ -326,8 +329,8 @@ def _hand(spec: mujoco.MjSpec, hand: mujoco.MjsBody, gripper: Gripper) -> None:
     # One motor moves both alike.
     spec.add_equality(
         name="alike",
-        type=mujoco.mjtEq.mjEQ_JOINT,
-        objtype=mujoco.mjtObj.mjOBJ_JOINT,
+        type=mj.mjtEq.mjEQ_JOINT,
+        objtype=mj.mjtObj.mjOBJ_JOINT,
         name1="left",
         name2="right",
         data=[0.0, 1.0] + [0.0] * 10,
@@ -339,5 +342,5 @@ def _hand(spec: mujoco.MjSpec, hand: mujoco.MjsBody, gripper: Gripper) -> None:
 def quaternion(turn: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "4"]:
     """Return the unit quaternion (w, x, y, z) of a rotation matrix."""
     found = np.zeros(4)
-    mujoco.mju_mat2Quat(found, np.ascontiguousarray(turn).ravel())
+    mj.mju_mat2Quat(found, np.ascontiguousarray(turn).ravel())
     return found

@@ -1,4 +1,4 @@
-"""Where a robot has to stand for a grasp, and how its joints move: what reaches it without a touch."""
+"""Where a robot has to stand for a grasp and how its joints move, so that it touches nothing."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
-import mujoco
 import numpy as np
 from jaxtyping import Float
 
 from cornergrasps import arm as arms
+from cornergrasps.engine import Data, mj
 from cornergrasps.grasp import LIFT_M, Grasp
 from cornergrasps.model import Model, quaternion, reach_m
 from cornergrasps.recipes import Arm, Gripper, Robot
@@ -61,7 +61,7 @@ def plan(
     robot: Robot,
     gripper: Gripper,
     model: Model,
-    data: mujoco.MjData,
+    data: Data,
     grasp: Grasp,
     knows_target: bool = False,
 ) -> Plan | Cause:
@@ -75,7 +75,7 @@ def plan(
         What is to be done where and by what.
     model : Model
         The model of the first three.
-    data : mujoco.MjData
+    data : Data
         Is set anew.
     knows_target : bool
         Whether the grasp is the true one: then the target must not touch anything on its way up.
@@ -96,7 +96,7 @@ def plan(
     return hindrances.most_common(1)[0][0] if hindrances else "unreachable"
 
 
-def place(model: Model, data: mujoco.MjData, plan: Plan, joints: Float[np.ndarray, " k"]) -> None:
+def place(model: Model, data: Data, plan: Plan, joints: Float[np.ndarray, " k"]) -> None:
     """Put the robot at the joints of a plan, its jaws opened."""
     data.mocap_pos[0] = plan.root_m
     data.mocap_quat[0] = plan.root_turn
@@ -175,9 +175,9 @@ class _Floor:
         before_m: float,
         limits: tuple[float, float],
     ) -> float | None:
-        """Return how the platform must look [rad] for the arm's axis to be there; straight on first.
+        """Return how the platform must look [rad] for the arm's axis to be there.
 
-        `None` where it would always stand on something or in a wall.
+        Straight on comes first. `None` where it would always stand on something or in a wall.
         """
         for turn in np.radians([0, 30, -30, 60, -60, 90, -90, 120, -120, 150, -150, 168]):
             heading = bearing - turn
@@ -190,7 +190,9 @@ class _Floor:
             inside = np.abs((self._obstacles - middle) @ axes.T) < self._half + _MARGIN_M
             if inside.all(axis=1).any():
                 continue
-            corners = middle + np.array([[a, b] for a in (1, -1) for b in (1, -1)]) * self._half @ axes
+            corners = (
+                middle + np.array([[a, b] for a in (1, -1) for b in (1, -1)]) * self._half @ axes
+            )
             if all(
                 ((corners - point[:2]) @ normal[:2] > _MARGIN_M * np.linalg.norm(normal)).all()
                 for point, normal in self._walls
@@ -199,22 +201,20 @@ class _Floor:
         return None
 
 
-def _hindrance(
-    model: Model, data: mujoco.MjData, candidate: Plan, knows_target: bool
-) -> Cause | None:
+def _hindrance(model: Model, data: Data, candidate: Plan, knows_target: bool) -> Cause | None:
     """Return what a robot would touch on its way, the target by the hand apart."""
     way = np.concatenate([candidate.there, candidate.up])
     there = len(candidate.there)
     looked_at = {*range(0, len(way), _EVERY), there - 1, len(way) - 1}
-    mujoco.mj_resetData(model.model, data)
+    mj.mj_resetData(model.model, data)
     target = model.model.joint("target").qposadr[0]
     standing_m = float(data.qpos[target + 2])
     for index in sorted(looked_at, reverse=True):
         place(model, data, candidate, way[index])
         lifted_m = max(0, index - there) / max(1, len(way) - there - 1) * LIFT_M
         data.qpos[target + 2] = standing_m + lifted_m
-        mujoco.mj_kinematics(model.model, data)
-        mujoco.mj_collision(model.model, data)
+        mj.mj_kinematics(model.model, data)
+        mj.mj_collision(model.model, data)
         for geometries in data.contact.geom:
             touched = model.touched(geometries)
             if touched is None and knows_target and lifted_m > 0.0:

@@ -89,9 +89,7 @@ def _tasks(options: argparse.Namespace) -> list[SceneTask]:
     with options.grasps.open(encoding="utf-8") as lines:
         told = [json.loads(line) for line in lines]
     return [
-        SceneTask(
-            of["scene"], options.dataset, options.output, gripper, robot, tuple(of["grasps"])
-        )
+        SceneTask(of["scene"], options.dataset, options.output, gripper, robot, tuple(of["grasps"]))
         for of in told
     ]
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from cornergrasps.clutter import is_soft, surface_points
 from cornerscenes.camera import transformed
 from cornerscenes.layout import REDRAWN
 from cornerscenes.objects import BUILDERS
@@ -18,7 +19,6 @@ from cornerscenes.scene import FIRST_OBJECT_ID
 from cornerscenes.shape import Part
 from cornerscenes.storage import StorageError
 from cornerscenes.streams import stream
-from cornergrasps.clutter import is_soft, surface_points
 
 # Places of the room that a robot's platform must not cover, no farther apart than this [m].
 _SPACING_M = 0.03
@@ -153,7 +153,9 @@ def _things(name: str, content: dict[str, Any]) -> tuple[Thing, ...]:
         if counts == [item["triangles"] for item in described]:
             return tuple(
                 Thing(
-                    f"{item['builder']} {item['object_id']}", parts, _pose(item["world_from_object"])
+                    f"{item['builder']} {item['object_id']}",
+                    parts,
+                    _pose(item["world_from_object"]),
                 )
                 for item, parts in zip(described, built, strict=True)
             )

@@ -9,12 +9,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import mujoco
 import numpy as np
 from jaxtyping import Float
 from PIL import Image
 
 from cornergrasps.attempts import Stage, true_grasps
+from cornergrasps.engine import Data, mj
 from cornergrasps.execute import execute
 from cornergrasps.grasp import Grasp
 from cornergrasps.plan import Plan
@@ -53,7 +53,7 @@ class Moment:
     turns: Float[np.ndarray, "b 3 3"]
 
     @classmethod
-    def of(cls, phase: str, data: mujoco.MjData) -> Moment:
+    def of(cls, phase: str, data: Data) -> Moment:
         """Return that of a simulation."""
         return cls(phase, data.xpos.copy(), data.xmat.reshape(-1, 3, 3).copy())
 
@@ -97,7 +97,7 @@ def _draw(options: argparse.Namespace, tell: Tell) -> int:
         raise SceneError(f"{options.scene}: nothing to see, the robot does not begin: {planned}")
     moments: list[Moment] = []
 
-    def watch(phase: str, data: mujoco.MjData) -> None:
+    def watch(phase: str, data: Data) -> None:
         moments.append(Moment.of(phase, data))
 
     result = execute(stage.model, stage.data, gripper, planned, watch)
@@ -207,10 +207,10 @@ class Studio:
             own[:3, 3] = model.geom_pos[geometry]
             size = model.geom_size[geometry]
             kind = model.geom_type[geometry]
-            if kind == mujoco.mjtGeom.mjGEOM_BOX:
+            if kind == mj.mjtGeom.mjGEOM_BOX:
                 part = _box(2.0 * size, _RUBBER if "pad" in name else _STEEL)
             else:
-                length = size[1] if kind == mujoco.mjtGeom.mjGEOM_CAPSULE else 0.0
+                length = size[1] if kind == mj.mjtGeom.mjGEOM_CAPSULE else 0.0
                 part = _capsule(size[0], length, _ORANGE)
             found.append((part, moment.pose(model.geom_bodyid[geometry]) @ own))
         if self._plan.platform is not None and self._stage.robot.platform_m is not None:
@@ -228,8 +228,8 @@ class Studio:
 def _viewpoint(stage: Stage, plan: Plan) -> Float[np.ndarray, "4 4"]:
     """Return a camera from which the target and what grasps it are seen.
 
-    Where a gripper flies, it looks from where the colour camera does, from nearer; an arm hides what
-    it grasps from there, so it is looked at from the side, the one towards the camera.
+    Where a gripper flies, it looks from where the colour camera does, from nearer; an arm hides
+    what it grasps from there, so it is looked at from the side, the one towards the camera.
     """
     eye, centre = stage.scenery.world_from_camera[:3, 3], stage.scenery.centre_m
     way = eye - centre
@@ -239,10 +239,10 @@ def _viewpoint(stage: Stage, plan: Plan) -> Float[np.ndarray, "4 4"]:
         aside = np.array([-along[1], along[0]])
         aside = aside if aside @ way[:2] > 0.0 else -aside
         way = np.array([*(0.9 * aside - 0.35 * along), 0.55])
-        return looking_at(centre + 1.35 * way / np.linalg.norm(way), centre + [0.0, 0.0, 0.08])
+        return looking_at(centre + 1.35 * way / np.linalg.norm(way), centre + 0.08 * np.eye(3)[2])
     if np.hypot(*way[:2]) < 0.3 * np.linalg.norm(way):  # from straight above little is to be seen
         way = np.array([-0.8, -0.8, 0.9])
-    return looking_at(centre + 0.85 * way / np.linalg.norm(way), centre + [0.0, 0.0, 0.05])
+    return looking_at(centre + 0.85 * way / np.linalg.norm(way), centre + 0.05 * np.eye(3)[2])
 
 
 def _light(content: dict[str, Any]) -> Light:
@@ -291,7 +291,7 @@ def _capsule(radius_m: float, half_length_m: float, material: Material) -> Part:
 
 def _matrix(turn: Float[np.ndarray, "4"]) -> Float[np.ndarray, "3 3"]:
     found = np.zeros(9)
-    mujoco.mju_quat2Mat(found, turn)
+    mj.mju_quat2Mat(found, turn)
     return found.reshape(3, 3)
 
 

@@ -45,6 +45,7 @@ NOT_HERE = (
     "folder; if they do, it only takes long to appear: run the same command again"
 )
 
+
 def main() -> int:
     """Render a suite; progress goes to standard output as JSON lines.
 

@@ -30,7 +30,7 @@ def schema_text(kind: type[BaseModel]) -> str:
 
 
 def write_schemas(program: str, kinds: Mapping[str, type[BaseModel]]) -> int:
-    """Write the schemas of recipes that Python reads into the folder that the command line names."""
+    """Write the schemas of recipes into the folder that the command line names."""
     parser = argparse.ArgumentParser(prog=program, description=write_schemas.__doc__)
     parser.add_argument("folder", type=Path, help="where KIND.json is written")
     folder: Path = parser.parse_args().folder

@@ -9,10 +9,15 @@
 //!               gap first, gap being the share of a face's pixels that lack the target's colour:
 //!                 least_occluded  the least gap; of gaps within 0.02 the larger in the image: the paper's rule;
 //!                 graspable       the largest (1 - gap) area cos(a), a between approach and line of sight: what is seen
-//!                                 well, whole and frontally, and tells most of where its centre is.
-//! # Input       encoded exposure with intrinsics; the target's mask; refined corners in any order.
-//! # Parameters  rule              least_occluded or graspable
+//!                                 well, whole and frontally, and tells most of where its centre is;
+//!                 holdable        the largest (1 - gap) (1 + n up): the more from above, the less is in a gripper's way;
+//!                                 of faces across whose shorter side it can close: no longer than most_opening_m, as far
+//!                                 as the cuboid's size is known, and not upright, for then one jaw is in the floor.
+//! # Input       encoded exposure with intrinsics; the target's mask; refined corners in any order; for holdable the
+//!               camera's attitude in a world whose z is up.
+//! # Parameters  rule              least_occluded, graspable or holdable
 //!               max_gap_fraction  none, 0.4   range [0.001, 1]: hidden share of the face; what hides it is in the way
+//!               most_opening_m    m, 0.16     range [0.001, 10]: of the gripper; for holdable
 //!               gate_px           px, 3       range [0.1, 20]: corners so near to a vertex are it
 //!               max_corners       none, 60    range [4, 1000]: the strongest near the target
 //! # Output      the face, its corners clockwise as seen, and all of the cuboid's vertices: seen ones, and completed ones
@@ -25,7 +30,7 @@
 //! # Checked by  tests/it/estimators.rs
 //! ```
 
-use nalgebra::Matrix2;
+use nalgebra::{Matrix2, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -38,7 +43,7 @@ use crate::grasp::{Face, FaceSelector, NoFace, SeenCuboid, covariance_or_default
 use crate::refine::Corner;
 use crate::refine::cuboid_fit::{Adjusted, CuboidFit};
 use crate::registry::{Entry, defaults, parameters, schema};
-use crate::sensor::Exposure;
+use crate::sensor::{Exposure, Rig};
 use crate::target::TargetRegion;
 
 /// The registry's line.
@@ -61,6 +66,8 @@ pub enum Rule {
     LeastOccluded,
     /// That of which most is seen, frontally.
     Graspable,
+    /// That from most above, of those that a gripper can close on.
+    Holdable,
 }
 
 /// The selector; its parameters are those of the header.
@@ -72,6 +79,9 @@ pub struct CuboidFaces {
     /// Largest share of the chosen face's pixels that may be hidden.
     #[schemars(range(min = 0.001, max = 1.0))]
     pub max_gap_fraction: f64,
+    /// How far the gripper opens, for the rule holdable \[m\].
+    #[schemars(range(min = 0.001, max = 10.0))]
+    pub most_opening_m: f64,
     /// Corners so near to a vertex are it \[px\].
     #[schemars(range(min = 0.1, max = 20.0))]
     pub gate_px: f64,
@@ -82,12 +92,20 @@ pub struct CuboidFaces {
 
 impl Default for CuboidFaces {
     fn default() -> Self {
-        Self { rule: Rule::LeastOccluded, max_gap_fraction: 0.4, gate_px: 3.0, max_corners: 60 }
+        Self {
+            rule: Rule::LeastOccluded,
+            max_gap_fraction: 0.4,
+            most_opening_m: 0.16,
+            gate_px: 3.0,
+            max_corners: 60,
+        }
     }
 }
 
 /// Steps of brightness matter to outlines only, which are known here.
 const EDGE_STEP_FRACTION: f64 = 0.04;
+/// Cosine of the angle from the vertical at which jaws begin to reach below what they close on.
+const MOST_UPRIGHT: f64 = 0.5;
 /// Gaps are as good as equal that differ by less.
 const SAME_GAP: f64 = 0.02;
 
@@ -99,6 +117,12 @@ struct Candidate {
     area_px2: f64,
     /// Of the angle between its normal and the line of sight.
     cosine: f64,
+    /// How much its normal looks up: 1 of the top.
+    upwards: f64,
+    /// How upright its shorter side is: 1 where it stands.
+    shorter_side_upright: f64,
+    /// The length of that side, where the cuboid's size is known.
+    shorter_side_m: Option<f64>,
 }
 
 impl FaceSelector for CuboidFaces {
@@ -107,6 +131,7 @@ impl FaceSelector for CuboidFaces {
         exposure: &Exposure,
         region: &TargetRegion,
         corners: &[Corner],
+        rig: &Rig,
     ) -> Result<Face, NoFace> {
         let target = Target::new(exposure, region, EDGE_STEP_FRACTION);
         let near: Vec<&Corner> =
@@ -120,7 +145,7 @@ impl FaceSelector for CuboidFaces {
         let fit = CuboidFit { seeds: self.max_corners, ..CuboidFit::default() };
         let fitted = fit.cuboid(exposure, &seeds).ok_or(NoFace::NoCuboid)?;
         let all = vertices(&fitted, camera, &near, self.gate_px);
-        let mut faces: Vec<Candidate> = candidates(&fitted.cuboid, &all, &target).collect();
+        let mut faces: Vec<Candidate> = candidates(&fitted.cuboid, &all, &target, rig).collect();
         faces.retain(|face| face.gap_fraction <= self.max_gap_fraction);
         let best = self.best(&faces).ok_or(NoFace::AllOccluded)?;
         Ok(face(best, &all, &fitted.cuboid))
@@ -133,10 +158,15 @@ impl CuboidFaces {
         let is_among = |face: &&Candidate| match self.rule {
             Rule::LeastOccluded => face.gap_fraction <= least_gap + SAME_GAP,
             Rule::Graspable => true,
+            Rule::Holdable => {
+                face.shorter_side_upright < MOST_UPRIGHT
+                    && face.shorter_side_m.is_none_or(|side_m| side_m <= self.most_opening_m)
+            }
         };
         let worth = |face: &Candidate| match self.rule {
             Rule::LeastOccluded => face.area_px2,
             Rule::Graspable => (1.0 - face.gap_fraction) * face.area_px2 * face.cosine,
+            Rule::Holdable => (1.0 - face.gap_fraction) * (1.0 + face.upwards),
         };
         faces.iter().filter(is_among).max_by(|a, b| worth(a).total_cmp(&worth(b)))
     }
@@ -189,9 +219,12 @@ fn candidates<'a>(
     cuboid: &'a Cuboid,
     all: &'a [Option<Vertex>; 8],
     target: &'a Target,
+    rig: &Rig,
 ) -> impl Iterator<Item = Candidate> + 'a {
+    let up = rig.world_from_camera.inverse_transform_vector(&Vector3::z());
+    let scale_m = rig.object_size_m.map(|size_m| scale_m(cuboid, size_m));
     let sides = (0..3).flat_map(|axis| [(axis, false), (axis, true)]);
-    sides.filter(|(axis, is_end)| cuboid.faces(*axis, *is_end)).filter_map(|(axis, is_end)| {
+    sides.filter(|(axis, is_end)| cuboid.faces(*axis, *is_end)).filter_map(move |(axis, is_end)| {
         let [u, v] = [(axis + 1) % 3, (axis + 2) % 3].map(|other| 1_usize << other);
         let from = usize::from(is_end) << axis;
         let mut vertices = [from, from | u, from | u | v, from | v];
@@ -213,11 +246,39 @@ fn candidates<'a>(
         let middle = vertices
             .map(|vertex| cuboid.point(Cuboid::shares(vertex)))
             .iter()
-            .sum::<nalgebra::Vector3<f64>>();
+            .sum::<Vector3<f64>>();
         let cosine = cuboid.axes[axis].dot(&middle.normalize()).abs();
         let gap_fraction = target.gap_fraction(&corners)?;
-        Some(Candidate { vertices, corners, gap_fraction, area_px2, cosine })
+        let outwards = if is_end { cuboid.axes[axis] } else { -cuboid.axes[axis] };
+        let [one, other] = [(axis + 1) % 3, (axis + 2) % 3];
+        let shorter = if cuboid.lengths[one] <= cuboid.lengths[other] { one } else { other };
+        Some(Candidate {
+            vertices,
+            corners,
+            gap_fraction,
+            area_px2,
+            cosine,
+            upwards: outwards.dot(&up),
+            shorter_side_upright: cuboid.axes[shorter].dot(&up).abs(),
+            shorter_side_m: scale_m.map(|scale_m| cuboid.lengths[shorter] * scale_m),
+        })
     })
+}
+
+/// What makes metres of a cuboid's lengths whose true ones are known in any order: the mean ratio of those that are told,
+/// in the order in which the ratios are most alike.
+fn scale_m(cuboid: &Cuboid, size_m: [f64; 3]) -> f64 {
+    const ORDERS: [[usize; 3]; 6] =
+        [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]];
+    let of_order = |order: [usize; 3]| {
+        let told = (0..3).filter(|axis| cuboid.is_known[*axis]);
+        let ratios: Vec<f64> =
+            told.map(|axis| (size_m[order[axis]] / cuboid.lengths[axis]).ln()).collect();
+        let mean = ratios.iter().sum::<f64>() / ratios.len().max(1) as f64;
+        (ratios.iter().map(|ratio| (ratio - mean).powi(2)).sum::<f64>(), mean.exp())
+    };
+    let best = ORDERS.map(of_order).into_iter().min_by(|a, b| a.0.total_cmp(&b.0));
+    best.map_or(1.0, |(_, scale_m)| scale_m)
 }
 
 /// The face with all that is seen of its cuboid, whose axes are numbered such that they are right-handed.
@@ -254,7 +315,43 @@ mod tests {
 
     fn candidate(gap_fraction: f64, area_px2: f64, cosine: f64) -> Candidate {
         let corners = [ImagePoint::new(0.0, 0.0); 4];
-        Candidate { vertices: [0; 4], corners, gap_fraction, area_px2, cosine }
+        Candidate {
+            vertices: [0; 4],
+            corners,
+            gap_fraction,
+            area_px2,
+            cosine,
+            upwards: 0.0,
+            shorter_side_upright: 0.0,
+            shorter_side_m: Some(0.1),
+        }
+    }
+
+    #[test]
+    fn a_gripper_closes_on_the_top_unless_it_is_too_wide_and_never_into_the_floor() {
+        let top = || Candidate { upwards: 1.0, ..candidate(0.3, 100.0, 0.3) };
+        let front = || candidate(0.0, 400.0, 0.9);
+        let selector = CuboidFaces { rule: Rule::Holdable, ..CuboidFaces::default() };
+        let gap = |faces: &[Candidate]| selector.best(faces).map(|face| face.gap_fraction);
+        assert_eq!(gap(&[front(), top()]), Some(0.3));
+        let wide = Candidate { shorter_side_m: Some(0.17), ..top() };
+        assert_eq!(gap(&[front(), wide]), Some(0.0));
+        let low = Candidate { shorter_side_upright: 0.9, ..front() };
+        assert_eq!(gap(&[low]), None);
+        let of_unknown_size = Candidate { shorter_side_m: None, ..top() };
+        assert_eq!(gap(&[front(), of_unknown_size]), Some(0.3));
+    }
+
+    #[test]
+    fn metres_come_from_the_lengths_that_are_told_in_whatever_order() {
+        let axes = [Vector3::x(), Vector3::y(), Vector3::z()];
+        let first = Vector3::z();
+        let lengths = [0.18 / 0.7, 0.12 / 0.7, 0.14 / 0.7];
+        for is_known in [[true; 3], [true, true, false]] {
+            let cuboid = Cuboid { axes, first, lengths, is_known };
+            let found = scale_m(&cuboid, [0.12, 0.14, 0.18]);
+            assert!((found - 0.7).abs() < 1e-12, "{is_known:?}: {found}");
+        }
     }
 
     #[test]

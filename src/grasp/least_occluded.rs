@@ -69,7 +69,7 @@ use crate::grasp::evidence::{Line, SEARCH_PX, Side, Target, sides_of};
 use crate::grasp::{Face, FaceSelector, NoFace};
 use crate::refine::Corner;
 use crate::registry::{Entry, defaults, parameters, schema};
-use crate::sensor::Exposure;
+use crate::sensor::{Exposure, Rig};
 use crate::target::TargetRegion;
 
 /// The registry's line.
@@ -216,6 +216,7 @@ impl FaceSelector for LeastOccluded {
         exposure: &Exposure,
         region: &TargetRegion,
         corners: &[Corner],
+        _rig: &Rig,
     ) -> std::result::Result<Face, NoFace> {
         let target = Target::new(exposure, region, self.edge_step_fraction);
         let points = self.strongest(&target, corners);
@@ -289,6 +290,7 @@ fn from_the_topmost(mut corners: [ImagePoint; 4]) -> [ImagePoint; 4] {
 mod tests {
     use super::*;
     use crate::detect::Detection;
+    use crate::geometry::{Camera, Distortion, Pose};
     use crate::image::{PixelRange, Plane};
     use crate::refine::RefineStatus;
     use crate::sensor::{Encoding, Transfer};
@@ -318,12 +320,26 @@ mod tests {
         points.iter().map(corner).collect()
     }
 
+    fn rig() -> Rig {
+        let camera = Camera {
+            width: 64,
+            height: 64,
+            fx_px: 64.0,
+            fy_px: 64.0,
+            cx_px: 31.5,
+            cy_px: 31.5,
+            distortion: Distortion::NONE,
+        };
+        Rig { camera, world_from_camera: Pose::identity(), object_size_m: None }
+    }
+
     #[test]
     fn a_rectangle_is_returned_clockwise_from_its_topmost_corner() {
         let (exposure, region) = rectangle(200.0);
         let found =
             corners(&[[43.0, 51.0], [12.0, 51.5], [30.0, 30.0], [43.5, 16.0], [13.0, 15.5]]);
-        let face = LeastOccluded::default().select(&exposure, &region, &found).expect("whole");
+        let face =
+            LeastOccluded::default().select(&exposure, &region, &found, &rig()).expect("whole");
         let expected = [[13.0, 15.5], [43.5, 16.0], [43.0, 51.0], [12.0, 51.5]];
         assert_eq!(face.corners, expected.map(ImagePoint::from));
         assert!(face.gap_fraction.abs() < 1e-12);
@@ -341,7 +357,7 @@ mod tests {
         let found = corners(&[[12.0, 16.0], [43.0, 16.0], [43.0, 51.0], [12.0, 51.0]]);
         let select = |max_gap_fraction| {
             let selector = LeastOccluded { max_gap_fraction, ..LeastOccluded::default() };
-            selector.select(&exposure, &region, &found)
+            selector.select(&exposure, &region, &found, &rig())
         };
         // Pixels at least 1.5 px inside 31 x 35 px: 28 x 32.
         let face = select(0.2).expect("a gap of 11 %");
@@ -354,9 +370,9 @@ mod tests {
         let (exposure, region) = rectangle(200.0);
         let three = corners(&[[12.0, 16.0], [43.0, 16.0], [43.0, 51.0]]);
         let selector = LeastOccluded::default();
-        assert_eq!(selector.select(&exposure, &region, &three), Err(NoFace::TooFewCorners));
+        assert_eq!(selector.select(&exposure, &region, &three, &rig()), Err(NoFace::TooFewCorners));
         let other = corners(&[[12.0, 16.0], [43.0, 16.0], [43.0, 51.0], [28.0, 40.0]]);
-        assert_eq!(selector.select(&exposure, &region, &other), Err(NoFace::AllOccluded));
+        assert_eq!(selector.select(&exposure, &region, &other, &rig()), Err(NoFace::AllOccluded));
     }
 
     #[test]

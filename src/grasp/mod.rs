@@ -120,6 +120,7 @@ pub trait FaceSelector: Send + Sync {
         exposure: &Exposure,
         region: &TargetRegion,
         corners: &[Corner],
+        rig: &Rig,
     ) -> Result<Face, NoFace>;
 }
 

@@ -139,7 +139,9 @@ pub(super) fn grasp(
         (Some(_), Some(Ok(_))) if corners.is_empty() => {
             return Some(Reply::own(GraspAnswer::NoCorner));
         }
-        (Some(face), Some(Ok(region))) => face.algorithm.select(faces.exposure, region, corners),
+        (Some(face), Some(Ok(region))) => {
+            face.algorithm.select(faces.exposure, region, corners, rig)
+        }
     };
     Some(match chosen {
         Err(reason) => Reply::own(GraspAnswer::NoFace(reason)),

@@ -11,11 +11,11 @@ mod drawing;
 
 use std::time::{Duration, Instant};
 
-use cornerbench::geometry::ImagePoint;
+use cornerbench::geometry::{Camera, Distortion, ImagePoint, Pose};
 use cornerbench::grasp::{self, Face, FaceSelector, NoFace};
 use cornerbench::image::Plane;
 use cornerbench::registry;
-use cornerbench::sensor::{Encoding, Exposure, Transfer};
+use cornerbench::sensor::{Encoding, Exposure, Rig, Transfer};
 use cornerbench::target::TargetRegion;
 use geo::{Area, BooleanOps, Coord, LineString, Polygon};
 
@@ -119,6 +119,20 @@ struct Rates {
     slowest: Duration,
 }
 
+/// Nothing of it matters to what is tested here.
+fn rig() -> Rig {
+    let camera = Camera {
+        width: 128,
+        height: 128,
+        fx_px: 128.0,
+        fy_px: 128.0,
+        cx_px: 63.5,
+        cy_px: 63.5,
+        distortion: Distortion::NONE,
+    };
+    Rig { camera, world_from_camera: Pose::identity(), object_size_m: None }
+}
+
 impl Rates {
     fn measure(scenes_each: u64, missed: f64) -> Self {
         let selector = selector();
@@ -135,7 +149,8 @@ impl Rates {
                     _ => continue,
                 };
                 let start = Instant::now();
-                let answer = selector.select(&scene.exposure, &scene.region, &scene.corners);
+                let answer =
+                    selector.select(&scene.exposure, &scene.region, &scene.corners, &rig());
                 let took = start.elapsed();
                 rates.selections += 1;
                 rates.total += took;
@@ -220,7 +235,7 @@ const TWO_FACES: [[f64; 2]; 6] =
 
 fn select(scene: &(Exposure, TargetRegion), points: &[[f64; 2]]) -> Result<Face, NoFace> {
     let points: Vec<ImagePoint> = points.iter().copied().map(ImagePoint::from).collect();
-    selector().select(&scene.0, &scene.1, &corners_at(&points))
+    selector().select(&scene.0, &scene.1, &corners_at(&points), &rig())
 }
 
 const LEFT: [[f64; 2]; 4] = [[19.5, 29.5], [63.5, 29.5], [63.5, 89.5], [19.5, 89.5]];

@@ -13,6 +13,7 @@ mod edges;
 mod estimators;
 mod export;
 mod grasp;
+mod grasping;
 mod junctions;
 mod layers;
 mod lines;

@@ -20,7 +20,9 @@ const LINES: [RGBColor; 6] = [
 ];
 const DOTS: RGBColor = RGBColor(40, 40, 40);
 // Names of no more dots than these stand in the picture: the best ones.
-const NAMED: usize = 6;
+const NAMED: usize = 8;
+// Height of a line of names on the axis of percents.
+const LINE: f64 = 4.0;
 
 /// A point of the picture.
 struct Point<'a> {
@@ -110,20 +112,28 @@ fn paint<'a>(
         });
         chart.draw_series(whiskers)?;
     }
-    for (place, point) in dots.iter().enumerate() {
+    for point in dots {
         let at = (point.error_px, point.percent);
         let [low, high] = point.between;
         let whisker = PathElement::new([(at.0, low), (at.0, high)], DOTS.mix(0.4));
         chart.draw_series([whisker])?;
         chart.draw_series([Circle::new(at, 4, DOTS.filled())])?;
-        if place < NAMED {
-            let is_right = at.0 > 0.7 * most_px;
-            let side = if is_right { HPos::Right } else { HPos::Left };
-            let style =
-                ("sans-serif", 12).into_font().color(&DOTS).pos(Pos::new(side, VPos::Bottom));
-            let words = format!(" {} ", point.of.method);
-            chart.draw_series([Text::new(words, at, style)])?;
+    }
+    // Names below one another where they would stand on one another, the most successful first.
+    let mut taken: Vec<(f64, f64)> = Vec::new();
+    for point in dots.iter().take(NAMED) {
+        let (x, mut y) = (point.error_px, point.percent);
+        while let Some(other) = taken
+            .iter()
+            .find(|other| (other.0 - x).abs() < 0.25 * most_px && (other.1 - y).abs() < LINE)
+        {
+            y = other.1 - LINE;
         }
+        taken.push((x, y));
+        let side = if x > 0.7 * most_px { HPos::Right } else { HPos::Left };
+        let style = ("sans-serif", 12).into_font().color(&DOTS).pos(Pos::new(side, VPos::Center));
+        let words = format!("  {}  ", point.of.method);
+        chart.draw_series([Text::new(words, (x, y), style)])?;
     }
     if !lines.is_empty() {
         chart
