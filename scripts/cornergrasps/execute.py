@@ -33,8 +33,8 @@ CLOSE_S = 0.6
 SETTLE_S = 0.2
 HOLD_S = 0.8
 
-# A target that is moved so far, or pressed so hard, before the jaws close was bumped into [m], [deg],
-# [N].
+# A target that is moved so far [m], [deg], or pressed so hard [N], before the jaws close was bumped
+# into.
 BUMPED_M = 0.005
 BUMPED_DEG = 3.0
 BUMPED_N = 20.0

@@ -14,7 +14,7 @@ use super::{Ended, Global, command_line, print_line, project};
 use crate::error::{Error, Result};
 use crate::files::write_whole;
 use crate::plan::read_table;
-use crate::record::{Attempt, Record, RecordFile, kind, outcome, status};
+use crate::record::{Attempt, Record, RecordFile, kind, outcome, read_run, status};
 use crate::report::attempts::{self, AttemptSummary};
 use crate::report::terminal;
 use crate::scene::Dataset;
@@ -37,6 +37,10 @@ pub(super) struct Options {
     /// Worker processes; one a core where this is not given.
     #[arg(short, long, value_name = "N")]
     jobs: Option<usize>,
+    /// A Markdown file to put the tables into: between `<!-- results of PLAN: GRIPPER-ROBOT -->`, or `GRIPPER-ROBOT moved`,
+    /// and `<!-- end of results -->`.
+    #[arg(long, value_name = "FILE")]
+    into: Option<PathBuf>,
     /// Draw a strip of pictures, and a clip, of this scene instead: of the method that is named, else of the true grasp.
     #[arg(long, value_name = "SCENE")]
     show: Option<String>,
@@ -180,6 +184,9 @@ pub(super) fn run(global: &Global, options: &Options) -> Result<Ended> {
         methods,
     };
     let page = attempts::write(&folder, &summary, &rows)?;
+    if let Some(path) = &options.into {
+        attempts::splice(path, &read_run(&options.run)?.plan, &summary)?;
+    }
     if global.json {
         print_line(serde_json::json!(summary))?;
     } else {

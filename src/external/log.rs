@@ -49,3 +49,25 @@ impl Kept {
         self.waiting.clear();
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::fs::read;
+
+    use super::*;
+
+    #[test]
+    fn what_was_said_before_is_first_in_the_file_and_all_is_no_more_than_is_kept() {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let file = folder.path().join("programs/mine.log");
+        let log = Log::default();
+        log.hear(b"before, ");
+        log.keep_in(file.clone());
+        assert_eq!(read(&file).expect("a file"), b"before, ");
+        log.hear(b"after");
+        assert_eq!(read(&file).expect("a file"), b"before, after");
+        log.hear(&vec![b'.'; KEPT]);
+        log.hear(b"too much");
+        assert_eq!(read(&file).expect("a file").len(), KEPT);
+    }
+}

@@ -311,7 +311,12 @@ fn face(best: &Candidate, all: &[Option<Vertex>; 8], cuboid: &Cuboid) -> Face {
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::Matrix3;
+
     use super::*;
+    use crate::geometry::{Distortion, Pose};
+    use crate::image::{PixelRange, Plane};
+    use crate::sensor::{Encoding, Transfer};
 
     fn candidate(gap_fraction: f64, area_px2: f64, cosine: f64) -> Candidate {
         let corners = [ImagePoint::new(0.0, 0.0); 4];
@@ -372,5 +377,77 @@ mod tests {
             assert!((gap(Rule::Graspable, order) - 0.03).abs() < 1e-12, "{order:?}");
         }
         assert!(CuboidFaces::default().best(&[]).is_none());
+    }
+
+    fn cuboid(axes: [Vector3<f64>; 3]) -> Cuboid {
+        let first = Vector3::new(-0.1, -0.1, 1.0);
+        Cuboid { axes, first, lengths: [0.2, 0.3, 0.4], is_known: [true; 3] }
+    }
+
+    fn at(point: ImagePoint) -> Option<Vertex> {
+        Some(Vertex { point, covariance_px2: Matrix2::identity(), is_seen: true })
+    }
+
+    #[test]
+    fn vertices_are_numbered_such_that_axes_are_right_handed() {
+        let [x, y, z] = [Vector3::x(), Vector3::y(), Vector3::z()];
+        // Each vertex is where its own number says.
+        let place = |vertex: u8| ImagePoint::new(f64::from(vertex), 0.0);
+        let all = [0, 1, 2, 3, 4, 5, 6, 7].map(|vertex| at(place(vertex)));
+        for axes in [[x, y, z], [y, x, z], [x, z, y]] {
+            let cuboid = cuboid(axes);
+            let best = Candidate {
+                vertices: [0, 2, 6, 4],
+                corners: [0, 2, 6, 4].map(place),
+                ..candidate(0.0, 1.0, 1.0)
+            };
+            let face = face(&best, &all, &cuboid);
+            let seen = face.cuboid.expect("a cuboid");
+            let point = |number: usize| seen.vertices[number].expect("a vertex").point;
+            let of_number = |number: usize| {
+                let own = (0_u8..8).position(|vertex| place(vertex) == point(number));
+                cuboid.point(Cuboid::shares(own.expect("one of them")))
+            };
+            let found = [1, 2, 4].map(|end| of_number(end) - of_number(0));
+            assert!(Matrix3::from_columns(&found).determinant() > 0.0, "{axes:?}");
+            assert_eq!(seen.face.map(point), face.corners, "{axes:?}");
+        }
+    }
+
+    #[test]
+    fn what_hides_a_part_of_a_face_is_its_gap() {
+        // Red over the pixels from (12, 16) to (43, 51), but for 10 x 10 of them.
+        let is_red = |x: usize, y: usize| {
+            let is_hidden = (20..30).contains(&x) && (30..40).contains(&y);
+            (12..44).contains(&x) && (16..52).contains(&y) && !is_hidden
+        };
+        let mask = Plane::from_fn(64, 64, is_red);
+        let rgb = [200.0, 20.0, 20.0].map(|dn| mask.map(|is_red| if is_red { dn } else { 120.0 }));
+        let encoding = Encoding { bit_depth: 8, transfer: Transfer::Srgb, black_dn: 0.0 };
+        let exposure = Exposure::new(rgb, encoding).expect("finite");
+        let corners =
+            [[12.0, 16.0], [43.0, 16.0], [43.0, 51.0], [12.0, 51.0]].map(ImagePoint::from);
+        let range = PixelRange { x0: 12, y0: 16, x1: 44, y1: 52 };
+        let region = TargetRegion { mask, range, quadrilateral: corners, pixels: 32 * 36 - 100 };
+        let target = Target::new(&exposure, &region, EDGE_STEP_FRACTION);
+        // Only the face across the line of sight looks here.
+        let cuboid = cuboid([Vector3::x(), Vector3::y(), Vector3::z()]);
+        let [a, b, c, d] = corners.map(at);
+        let all = [a, b, d, c, None, None, None, None];
+        let camera = Camera {
+            width: 64,
+            height: 64,
+            fx_px: 64.0,
+            fy_px: 64.0,
+            cx_px: 31.5,
+            cy_px: 31.5,
+            distortion: Distortion::NONE,
+        };
+        let rig = Rig { camera, world_from_camera: Pose::identity(), object_size_m: None };
+        let found: Vec<Candidate> = candidates(&cuboid, &all, &target, &rig).collect();
+        let [face] = &found[..] else { panic!("{}", found.len()) };
+        assert_eq!(face.corners, corners);
+        // Pixels at least 1.5 px inside: 28 x 32.
+        assert!((face.gap_fraction - 100.0 / 896.0).abs() < 1e-12, "{}", face.gap_fraction);
     }
 }

@@ -403,4 +403,16 @@ mod tests {
         let one = [all[0]; 4];
         assert!(poses(&one, SIZE_M, &CAMERA).is_empty());
     }
+
+    #[test]
+    fn rows_of_a_face_are_of_one_length_and_at_right_angles() {
+        let mut random = Stream::named(&["pose", "rows"]);
+        let spread = Matrix3::from_diagonal(&Vector3::new(2.0, 3.0, 0.0));
+        for _ in 0..50 {
+            let mut row = || Vector3::new(random.normal(), random.normal(), 0.0);
+            for [a, b] in flat_rows([row(), row()], &spread) {
+                assert!((a.norm() - b.norm()).abs() < 1e-12 && a.dot(&b).abs() < 1e-12, "{a} {b}");
+            }
+        }
+    }
 }

@@ -159,3 +159,65 @@ fn inside_px(corners: &[ImagePoint; 4], point: ImagePoint) -> f64 {
     };
     (0..4).map(of_side).fold(f64::INFINITY, f64::min)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::{Camera, Distortion, Pose};
+    use crate::image::Plane;
+    use crate::sensor::DepthNoise;
+
+    /// A camera of 64 x 64 pixels and one of 16 x 16 cells in the same place, whose middles are seen at 1.5 px, 5.5 px,
+    /// ...; the depth is of a cell's column.
+    fn cells_of_four_pixels(depth_m: impl Fn(usize) -> f64) -> (Rig, RangeImage) {
+        let camera = Camera {
+            width: 64,
+            height: 64,
+            fx_px: 64.0,
+            fy_px: 64.0,
+            cx_px: 31.5,
+            cy_px: 31.5,
+            distortion: Distortion::NONE,
+        };
+        let of_range = camera.resized([16, 16]);
+        #[allow(clippy::cast_precision_loss, reason = "small numbers")]
+        let point = |x: usize, y: usize| {
+            Some(of_range.unproject(ImagePoint::new(x as f64, y as f64), depth_m(x)))
+        };
+        let range = RangeImage {
+            camera: of_range,
+            world_from_range: Pose::identity(),
+            points: Plane::from_fn(16, 16, point),
+            noise: DepthNoise { noise_m: 1e-3, ..DepthNoise::default() },
+        };
+        (Rig { camera, world_from_camera: Pose::identity(), object_size_m: None }, range)
+    }
+
+    fn rectangle([left, top, right, bottom]: [f64; 4]) -> [ImagePoint; 4] {
+        [[left, top], [right, top], [right, bottom], [left, bottom]].map(ImagePoint::from)
+    }
+
+    #[test]
+    fn a_cell_is_inside_where_its_middle_is_seen_inside() {
+        let (rig, range) = cells_of_four_pixels(|_| 1.0);
+        // 3 px inside lie those from 13.5 to 25.5 and from 13.5 to 21.5.
+        let found = cells(&rectangle([10.0, 10.0, 30.0, 26.0]), &rig, &range, 3.0);
+        assert_eq!(found.len(), 4 * 3);
+        let least = found.iter().map(|cell| cell.ray.x).fold(f64::INFINITY, f64::min);
+        assert!((31.5 + 64.0 * least - 13.5).abs() < 1e-9, "{least}");
+    }
+
+    #[test]
+    fn cells_that_a_side_divides_do_not_count_where_six_others_are_left() {
+        // Those of column 3 see a bit of what is behind, by two standard deviations.
+        let (rig, range) = cells_of_four_pixels(|x| if x == 3 { 1.002 } else { 1.0 });
+        let off = |right_px: f64| {
+            let face = rectangle([13.0, 9.0, right_px, 26.0]);
+            let plane = RangePlane::inside(&face, &rig, &range, 0.0).expect("cells");
+            (plane.inverse_depth - Vector3::z()).norm()
+        };
+        assert!(off(34.0) < 1e-12, "{}", off(34.0));
+        // Of three rows one column is no plane: the divided ones are better than none.
+        assert!(off(20.0) > 1e-6, "{}", off(20.0));
+    }
+}

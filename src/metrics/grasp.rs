@@ -297,4 +297,15 @@ mod tests {
         let all: std::collections::HashSet<_> = rotations().collect();
         assert_eq!(all.len(), 24);
     }
+
+    #[test]
+    fn no_rotation_is_a_mirror() {
+        for (axes, flipped) in rotations() {
+            let mut turn = nalgebra::Matrix3::<f64>::zeros();
+            for (axis, to) in axes.into_iter().enumerate() {
+                turn[(to, axis)] = if flipped >> axis & 1 == 0 { 1.0 } else { -1.0 };
+            }
+            assert!((turn.determinant() - 1.0).abs() < 1e-12, "{axes:?} {flipped:03b}");
+        }
+    }
 }

@@ -2,7 +2,8 @@
 //!
 //! ```text
 //! # Method      (1) Junctions are fitted at the strongest seeds (junction_fit). Three rays from one point are the
-//!               picture of three edges at right angles in one way; where other junctions lie tells their lengths.
+//!               picture of three edges at right angles in one way, and so are, where that leads to none, the rays of
+//!               two junctions at the ends of one edge; where other junctions lie tells their lengths.
 //!               The six cuboids whose vertices and edges explain most rays are tried; the one is taken of whose
 //!               edges most is found where it should be. (2) Its edges that are seen,
 //!               less 3.5 px at each end, are cut into pieces of at most 6 px, each located across itself by
@@ -40,6 +41,7 @@ mod segment;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::cuboid::Cuboid;
 use crate::detect::Detection;
 use crate::geometry::{Camera, ImagePoint};
 use crate::junction::rays::Rays;
@@ -58,7 +60,7 @@ pub const ENTRY: Entry<dyn Refiner> = Entry {
     name: "cuboid_fit",
     summary: "one cuboid fitted to all its edges; uses object model and intrinsics",
     reference: "Lowe 1991; Drummond & Cipolla 2002; Hannemose et al. 2019",
-    version: 1,
+    version: 2,
     defaults: defaults::<CuboidFit>,
     schema: schema::<CuboidFit>,
     build: |place, table| Ok(Box::new(parameters::<CuboidFit>(place, table)?)),
@@ -123,13 +125,15 @@ impl CuboidFit {
     fn fitted(&self, light: &Light, camera: &Camera, seeds: &[Detection]) -> Option<Adjusted> {
         let junctions = self.junctions(light, seeds);
         let mut fitter = SegmentFitter::default();
-        hypothesis::likely(&junctions, camera, LEAST_RAYS)
-            .into_iter()
-            .filter_map(|cuboid| {
+        let mut best = |hypotheses: Vec<Cuboid>| {
+            let adjusted = hypotheses.into_iter().filter_map(|cuboid| {
                 let iterations = self.max_iterations;
                 adjust(light, camera, cuboid, iterations, self.epsilon_px, &mut fitter)
-            })
-            .max_by(|a, b| a.evidence.total_cmp(&b.evidence))
+            });
+            adjusted.max_by(|a, b| a.evidence.total_cmp(&b.evidence))
+        };
+        best(hypothesis::of_three_rays(&junctions, camera, LEAST_RAYS))
+            .or_else(|| best(hypothesis::of_two_junctions(&junctions, camera, LEAST_RAYS)))
     }
 
     /// Junctions at the strongest seeds, none twice.

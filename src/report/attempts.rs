@@ -15,6 +15,7 @@ use crate::files::{write_json, write_whole};
 use crate::record::{Attempt, outcome, write_attempts};
 use crate::report::html;
 use crate::report::refinement::{Estimate, estimate};
+use crate::report::splice;
 use crate::report::words::{Words, between, percent, two_digits};
 use crate::stats;
 
@@ -147,6 +148,24 @@ fn success<'a>(attempts: impl Iterator<Item = &'a Attempt>) -> Option<Estimate> 
 
 /// The methods beside each other: px, mm, success, and why not.
 pub fn table(summary: &AttemptSummary) -> Words {
+    table_of(summary, |_| true)
+}
+
+/// Puts tables into a Markdown file, with the command that made them: between `<!-- results of PLAN: GRIPPER-ROBOT -->`
+/// and `<!-- end of results -->` the controls and the methods, behind `GRIPPER-ROBOT moved` the corners that were moved.
+///
+/// # Errors
+/// When the file has no such marks, names another table, or cannot be read or written.
+pub fn splice(path: &Path, plan: &str, summary: &AttemptSummary) -> Result<()> {
+    let name = format!("{}-{}", summary.gripper, summary.robot);
+    let tables = [
+        (name.clone(), table_of(summary, |method| !method.is_moved())),
+        (format!("{name} moved"), table_of(summary, MethodAttempts::is_moved)),
+    ];
+    splice::splice(path, plan, &summary.command, &tables)
+}
+
+fn table_of(summary: &AttemptSummary, is_row: impl Fn(&MethodAttempts) -> bool) -> Words {
     let shown: Vec<&str> = outcome::CAUSES
         .into_iter()
         .filter(|cause| summary.methods.iter().any(|method| method.outcomes.contains_key(*cause)))
@@ -163,7 +182,7 @@ pub fn table(summary: &AttemptSummary) -> Words {
         "begun",
     ];
     let header = header.iter().chain(&shown).map(|name| name.replace('_', " "));
-    let rows = summary.methods.iter().map(|method| {
+    let rows = summary.methods.iter().filter(|method| is_row(method)).map(|method| {
         let name = match &method.camera {
             Some(camera) if !is_one_camera => format!("{}, {camera}", method.method),
             _ => method.method.clone(),

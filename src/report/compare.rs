@@ -307,4 +307,42 @@ mod tests {
         compared.judge();
         assert_eq!(compared.verdict, Verdict::Worse);
     }
+
+    /// A run of method a in which another program did not answer so many photographs, and so often did not end well.
+    fn run(unanswered: usize, ends: usize, rows: &[Record]) -> Answered {
+        let failure = |count: usize, scenes: &[&str]| {
+            serde_json::json!({
+                "method": "a", "status": "crashed", "count": count, "scenes": scenes, "reason": "gone",
+            })
+        };
+        let run = serde_json::json!({
+            "cornerbench_version": "", "plan": "plan", "cameras": {}, "phases": 1, "repeats": 1,
+            "pipelines": [], "cells": [], "suite": "suite", "scenes": [], "shard": null, "unreadable": [],
+            "identity_sha256": "", "range_sensor_model": {}, "range_sensor": "", "gate_px": 5.0,
+            "least_edge_px": 3.0, "most_bound_px": 0.5, "command": "", "machine": "", "renderers": [],
+            "failures": [failure(unanswered, &["00"]), failure(ends, &[])],
+        });
+        let answers = answers(&rows.iter().collect::<Vec<_>>());
+        Answered {
+            run: serde_json::from_value(run).expect("a run"),
+            methods: [(("ideal".to_owned(), "a".to_owned()), answers)].into(),
+        }
+    }
+
+    #[test]
+    fn photographs_more_without_an_answer_are_counted_and_ends_are_not() {
+        let times = |factor: f64| rows("a", |scene, corner| Some(factor * hard(scene, corner)));
+        let first = run(1, 0, &times(1.0));
+        for (factor, unanswered, ends, more, verdict) in [
+            (1.0, 3, 0, 2, Verdict::Worse),
+            (0.5, 3, 0, 2, Verdict::Worse),
+            (1.0, 1, 4, 0, Verdict::Same),
+            (0.5, 0, 4, -1, Verdict::Better),
+        ] {
+            let second = run(unanswered, ends, &times(factor));
+            let found = compare(&first, &second).expect("the same scenes");
+            assert_eq!(found.methods[0].unanswered_more, more, "{unanswered} {ends}");
+            assert_eq!(found.methods[0].verdict, verdict, "{factor} {unanswered} {ends}");
+        }
+    }
 }

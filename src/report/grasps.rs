@@ -160,4 +160,21 @@ mod tests {
         assert!(summary.good.iter().all(Option::is_none));
         assert!(summarise(&[]).is_none());
     }
+
+    #[test]
+    fn each_median_is_of_its_own_part_without_sign() {
+        let row = Record {
+            grasp_axial_error_mm: Some(-1.0),
+            grasp_lateral_error_mm: Some(2.0),
+            grasp_in_face_error_mm: Some(3.0),
+            grasp_normal_error_mm: Some(-4.0),
+            ..grasp("a", 5.0, None)
+        };
+        let found = summarise(&[&row]).expect("a grasp");
+        assert_eq!(found.median_error_mm, Some(5.0));
+        assert_eq!(found.median_axial_error_mm, Some(1.0));
+        assert_eq!(found.median_lateral_error_mm, Some(2.0));
+        assert_eq!(found.median_in_face_error_mm, Some(3.0));
+        assert_eq!(found.median_normal_error_mm, Some(4.0));
+    }
 }

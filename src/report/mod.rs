@@ -115,7 +115,8 @@ impl Report {
     /// # Errors
     /// When the file has no such marks, names a table that this run has not, or cannot be read or written.
     pub fn splice(&self, path: &Path) -> Result<()> {
-        splice::splice(path, &self.run, &self.tables())
+        let tables = self.tables().into_iter().map(|(name, table)| (name.to_owned(), table));
+        splice::splice(path, &self.run.plan, &self.run.command, &tables.collect::<Vec<_>>())
     }
 }
 

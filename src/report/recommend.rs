@@ -445,6 +445,20 @@ mod tests {
     }
 
     #[test]
+    fn to_end_badly_when_all_is_answered_leaves_no_method_out() {
+        let mut run = measured(&[("rude", 0.1, 0.1, 1.0), ("steady", 0.2, 0.2, 1.0)], true);
+        run.run.failures.push(crate::record::FailureCount {
+            method: "rude".into(),
+            status: "crashed".into(),
+            count: 1,
+            scenes: Vec::new(),
+            reason: "ended".into(),
+        });
+        let found = recommend(&[run], None, ClassBy::Family).expect("a choice");
+        assert!(found.choices.iter().all(|choice| choice.chosen.as_deref() == Some("rude")));
+    }
+
+    #[test]
     fn to_leave_seeds_where_they_are_is_no_choice_but_is_said() {
         let choice = all(&[("none", 0.1, 0.1, 0.1), ("steady", 0.2, 0.2, 1.0)], None);
         assert_eq!(choice.chosen.as_deref(), Some("steady"));

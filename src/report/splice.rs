@@ -3,19 +3,23 @@
 use std::path::Path;
 
 use crate::error::{Error, Result};
-use crate::record::RunDescription;
 use crate::report::words::Words;
 use crate::report::write_text;
 
 const END: &str = "<!-- end of results -->";
 
-/// Fills all marks of the run's plan.
+/// Fills all marks of a plan, each with the command that made its table, as it was given.
 ///
 /// # Errors
 /// When the file has none, one names a table that is not there or has no end, or the file cannot be read or written.
-pub(super) fn splice(path: &Path, run: &RunDescription, tables: &[(&str, Words)]) -> Result<()> {
+pub(super) fn splice(
+    path: &Path,
+    plan: &str,
+    given: &str,
+    tables: &[(String, Words)],
+) -> Result<()> {
     let text = std::fs::read_to_string(path).map_err(Error::io(path, "read"))?;
-    let begin = format!("<!-- results of {}: ", run.plan);
+    let begin = format!("<!-- results of {plan}: ");
     let mut whole = String::new();
     let mut rest = text.as_str();
     let mut filled = 0;
@@ -27,25 +31,25 @@ pub(super) fn splice(path: &Path, run: &RunDescription, tables: &[(&str, Words)]
                 format!("a mark {begin:?} does not end with \" -->\""),
             ));
         };
-        let Some((_, table)) = tables.iter().find(|(known, _)| *known == name) else {
+        let Some((_, table)) = tables.iter().find(|(known, _)| known == name) else {
             return Err(Error::UnknownName {
                 place: path.display().to_string(),
                 kind: "table".into(),
                 found: name.to_owned(),
-                known: tables.iter().map(|(known, _)| (*known).to_owned()).collect(),
+                known: tables.iter().map(|(known, _)| known.clone()).collect(),
             });
         };
         let Some((_, after)) = after.split_once(END) else {
             return Err(Error::malformed(path, format!("behind {begin}{name} --> no {END} is")));
         };
         whole.push_str(before);
-        let (command, table) = (command(run), markdown(table));
+        let (command, table) = (command(given), markdown(table));
         whole.push_str(&format!("{begin}{name} -->\n\n`{command}`\n\n{table}\n{END}"));
         rest = after;
         filled += 1;
     }
     if filled == 0 {
-        let known: Vec<&str> = tables.iter().map(|(known, _)| *known).collect();
+        let known: Vec<&str> = tables.iter().map(|(known, _)| known.as_str()).collect();
         return Err(Error::malformed(
             path,
             format!(
@@ -58,14 +62,14 @@ pub(super) fn splice(path: &Path, run: &RunDescription, tables: &[(&str, Words)]
     write_text(path, &whole)
 }
 
-/// The command that measured, without where to: that is no part of what it gave.
-fn command(run: &RunDescription) -> String {
-    let mut words = run.command.split(' ');
+/// A command without where to: that is no part of what it gave.
+fn command(given: &str) -> String {
+    let mut words = given.split(' ');
     let mut kept = Vec::new();
     while let Some(word) = words.next() {
         match word {
-            "-o" | "--output" => drop(words.next()),
-            word if word.starts_with("--output=") => {}
+            "-o" | "--output" | "--into" => drop(words.next()),
+            word if word.starts_with("--output=") || word == "--quiet" => {}
             word => kept.push(word),
         }
     }

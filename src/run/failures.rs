@@ -59,3 +59,22 @@ pub(super) fn end_programs(plan: &Plan, suite: &str) -> Vec<Record> {
     }
     records
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn photographs_and_ends_are_counted_apart() {
+        let failure = |scenes: &[&str]| FailureCount {
+            method: "mine".into(),
+            status: "crashed".into(),
+            count: 1,
+            scenes: scenes.iter().map(|&scene| scene.to_owned()).collect(),
+            reason: "gone".into(),
+        };
+        let all = [failure(&["a"]), failure(&[]), failure(&["b"]), failure(&["a"]), failure(&[])];
+        let photographs = FailureCount { count: 3, ..failure(&["a", "b"]) };
+        assert_eq!(sum(all.into_iter()), [photographs, FailureCount { count: 2, ..failure(&[]) }]);
+    }
+}

@@ -56,13 +56,15 @@ fn every_key_of_the_recipes_is_described() {
 }
 
 #[test]
-fn every_key_of_a_camera_and_of_a_range_sensor_is_described() {
-    fn keys(schema: &serde_json::Value, found: &mut Vec<String>) {
+fn every_key_of_cameras_range_sensors_grippers_and_robots_is_described() {
+    fn keys(root: &serde_json::Value, schema: &serde_json::Value, found: &mut Vec<String>) {
         let alternatives = schema["anyOf"].as_array().into_iter().flatten();
-        for schema in alternatives.chain([schema]) {
+        let named = schema["$ref"].as_str().and_then(|name| name.rsplit('/').next());
+        let named = named.map(|name| &root["$defs"][name]);
+        for schema in alternatives.chain([schema]).chain(named) {
             for (key, inner) in schema["properties"].as_object().into_iter().flatten() {
                 let before = found.len();
-                keys(inner, found);
+                keys(root, inner, found);
                 // A table's keys are described, each with the table's name before it.
                 if found.len() == before {
                     found.push(key.clone());
@@ -71,11 +73,12 @@ fn every_key_of_a_camera_and_of_a_range_sensor_is_described() {
         }
     }
     let document = format_document();
-    for kind in ["camera", "range-sensor"] {
+    for kind in ["camera", "range-sensor", "gripper", "robot"] {
         let path = project().join("scenes/schemas").join(format!("{kind}.json"));
-        let schema = serde_json::from_str(&fs::read_to_string(path).expect("a schema"));
+        let text = fs::read_to_string(path).expect("a schema");
+        let schema: serde_json::Value = serde_json::from_str(&text).expect("JSON");
         let mut found = Vec::new();
-        keys(&schema.expect("JSON"), &mut found);
+        keys(&schema, &schema, &mut found);
         assert!(found.len() > 10, "{kind}: {found:?}");
         for key in found {
             let described = ["`", "."].iter().any(|b| document.contains(&format!("{b}{key}`")));

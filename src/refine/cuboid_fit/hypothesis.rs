@@ -2,8 +2,13 @@
 //!
 //! Three rays from one point are the picture of three edges at right angles in one way only, if all three are to be
 //! seen: with e_i the directions of the planes through the camera and each ray, across the line of sight, and c_i
-//! the cotangent of the angle between line of sight and edge, c_i c_j = -e_i . e_j. How long the edges are other
-//! junctions tell.
+//! the cotangent of the angle between line of sight and edge, c_i c_j = -e_i . e_j.
+//!
+//! Where no three rays are seen, two junctions at the ends of one edge have them together: two more of their rays, one
+//! of each, are parallel edges, whose direction is where the planes through the camera and each of them meet; the edge
+//! between the junctions is at right angles to it, in its own plane, and the third edge to both, away from the camera.
+//!
+//! How long the edges are other junctions tell.
 
 use std::f64::consts::{PI, TAU};
 
@@ -23,12 +28,90 @@ const MOST_LENGTHS: usize = 8;
 /// Edges that are seen shorter than this are none \[px\].
 const LEAST_LENGTH_PX: f64 = 10.0;
 
-/// The cuboids that explain most rays of junctions, at least so many, the best first; few, or none.
-pub(super) fn likely(junctions: &[Rays], camera: &Camera, least_rays: usize) -> Vec<Cuboid> {
+/// The cuboids of three rays at one junction that explain most rays of junctions, at least so many, the best first; few,
+/// or none.
+pub(super) fn of_three_rays(junctions: &[Rays], camera: &Camera, least_rays: usize) -> Vec<Cuboid> {
+    let three = junctions.iter().filter(|rays| rays.count == MOST_RAYS);
+    likely(three.filter_map(|rays| trihedron(rays, camera)), junctions, camera, least_rays)
+}
+
+/// The same of two junctions at the ends of one edge.
+pub(super) fn of_two_junctions(
+    junctions: &[Rays],
+    camera: &Camera,
+    least_rays: usize,
+) -> Vec<Cuboid> {
+    let pairs = junctions.iter().flat_map(|one| junctions.iter().map(move |other| [one, other]));
+    let trihedra = pairs.flat_map(|[one, other]| of_pair(one, other, camera));
+    likely(trihedra, junctions, camera, least_rays)
+}
+
+/// The trihedra at a junction of which one edge ends at another and one is parallel to one there.
+fn of_pair(one: &Rays, other: &Rays, camera: &Camera) -> Vec<Cuboid> {
+    let [from, to] = [one, other].map(|rays| ImagePoint::from(rays.vertex));
+    if from.distance_px(to) < LEAST_LENGTH_PX {
+        return Vec::new();
+    }
+    let along = (to.y - from.y).atan2(to.x - from.x);
+    // The rays that do not lead to the other junction; none where none does.
+    let others = |rays: &Rays, towards: f64| -> Vec<f64> {
+        let angles = &rays.angles_rad[..rays.count];
+        let leads = |angle: &f64| apart(*angle, towards) < NEAR_RAD;
+        let others = angles.iter().copied().filter(|angle| !leads(angle));
+        if angles.iter().any(leads) { others.collect() } else { Vec::new() }
+    };
+    let [first, end] = [from, to].map(|point| camera.ray(point));
+    let between = first.cross(&end);
+    let mut found = Vec::new();
+    for angle in others(one, along) {
+        for other_angle in others(other, along + PI) {
+            // Parallel edges leave the ends of an edge to the same side.
+            if (angle - along).sin() * (other_angle - along).sin() <= 0.0 {
+                continue;
+            }
+            let parallel = plane(from, angle, camera).cross(&plane(to, other_angle, camera));
+            let towards = |axis: Vector3<f64>, there: Vector3<f64>| {
+                // Of the two ways the one on whose side it is seen.
+                let across = there - first * (there.dot(&first) / first.norm_squared());
+                if axis.dot(&across) < 0.0 { -axis } else { axis }
+            };
+            let v = towards(parallel, ray_towards(from, angle, camera));
+            let u = towards(between.cross(&v), end);
+            let w = u.cross(&v);
+            let w = if w.dot(&first) < 0.0 { -w } else { w };
+            let Some(axes) = orthonormal([u, v, w].map(|axis| axis.normalize())) else { continue };
+            if axes.iter().all(|axis| axis.iter().all(|value| value.is_finite())) {
+                found.push(Cuboid { axes, first, lengths: [0.0; 3], is_known: [true; 3] });
+            }
+        }
+    }
+    found
+}
+
+/// How far along a ray its direction in space is looked up \[px\].
+const STEP_PX: f64 = 4.0;
+
+/// A line of sight a little along a ray.
+fn ray_towards(vertex: ImagePoint, angle_rad: f64, camera: &Camera) -> Vector3<f64> {
+    let (sine, cosine) = angle_rad.sin_cos();
+    camera.ray(ImagePoint::new(vertex.x + STEP_PX * cosine, vertex.y + STEP_PX * sine))
+}
+
+/// The unit normal of the plane through the camera and a ray.
+fn plane(vertex: ImagePoint, angle_rad: f64, camera: &Camera) -> Vector3<f64> {
+    camera.ray(vertex).cross(&ray_towards(vertex, angle_rad, camera)).normalize()
+}
+
+/// Of these trihedra, with every length that something tells, the cuboids that explain most rays of junctions.
+fn likely(
+    trihedra: impl Iterator<Item = Cuboid>,
+    junctions: &[Rays],
+    camera: &Camera,
+    least_rays: usize,
+) -> Vec<Cuboid> {
     const MOST: usize = 6;
     let mut found: Vec<(usize, Cuboid)> = Vec::new();
-    for rays in junctions.iter().filter(|rays| rays.count == MOST_RAYS) {
-        let Some(trihedron) = trihedron(rays, camera) else { continue };
+    for trihedron in trihedra {
         let lengths = lengths(&trihedron, junctions, camera);
         for a in &lengths[0] {
             for b in &lengths[1] {
@@ -58,14 +141,11 @@ fn of_lengths(trihedron: &Cuboid, lengths: [Option<f64>; 3]) -> Option<Cuboid> {
 
 /// Three edges at right angles, of no length yet.
 fn trihedron(rays: &Rays, camera: &Camera) -> Option<Cuboid> {
-    const STEP_PX: f64 = 4.0;
     let vertex = ImagePoint::from(rays.vertex);
     let first = camera.ray(vertex);
     let sight = first.normalize();
     let across = rays.angles_rad.map(|angle| {
-        let (sine, cosine) = angle.sin_cos();
-        let there =
-            camera.ray(ImagePoint::new(vertex.x + STEP_PX * cosine, vertex.y + STEP_PX * sine));
+        let there = ray_towards(vertex, angle, camera);
         (there - sight * there.dot(&sight)).normalize()
     });
     let product = |i: usize, j: usize| -across[i].dot(&across[j]);
