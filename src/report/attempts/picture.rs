@@ -23,6 +23,9 @@ const DOTS: RGBColor = RGBColor(40, 40, 40);
 const NAMED: usize = 8;
 // Height of a line of names on the axis of percents.
 const LINE: f64 = 4.0;
+// Width of a name, and of the gap between it and its dot, as shares of the axis.
+const NAME: f64 = 0.2;
+const GAP: f64 = 0.012;
 
 /// A point of the picture.
 struct Point<'a> {
@@ -125,15 +128,16 @@ fn paint<'a>(
         let (x, mut y) = (point.error_px, point.percent);
         while let Some(other) = taken
             .iter()
-            .find(|other| (other.0 - x).abs() < 0.25 * most_px && (other.1 - y).abs() < LINE)
+            .find(|other| (other.0 - x).abs() < NAME * most_px && (other.1 - y).abs() < LINE)
         {
             y = other.1 - LINE;
         }
         taken.push((x, y));
-        let side = if x > 0.7 * most_px { HPos::Right } else { HPos::Left };
+        let is_right = x > 0.7 * most_px;
+        let side = if is_right { HPos::Right } else { HPos::Left };
+        let beside = if is_right { x - GAP * most_px } else { x + GAP * most_px };
         let style = ("sans-serif", 12).into_font().color(&DOTS).pos(Pos::new(side, VPos::Center));
-        let words = format!("  {}  ", point.of.method);
-        chart.draw_series([Text::new(words, (x, y), style)])?;
+        chart.draw_series([Text::new(point.of.method.clone(), (beside, y), style)])?;
     }
     if !lines.is_empty() {
         chart
