@@ -171,6 +171,20 @@ pub struct Camera {
 }
 
 impl Camera {
+    /// One of square pixels without distortion, its principal point in the middle; lengths in pixels.
+    #[allow(clippy::cast_lossless, reason = "From is not const")]
+    pub const fn pinhole(width: u32, height: u32, focal_px: f64) -> Self {
+        Self {
+            width,
+            height,
+            fx_px: focal_px,
+            fy_px: focal_px,
+            cx_px: 0.5 * (width as f64 - 1.0),
+            cy_px: 0.5 * (height as f64 - 1.0),
+            distortion: Distortion::NONE,
+        }
+    }
+
     /// Projects a point of the camera frame \[m\]; `None` when it is not in front of the camera.
     pub fn project(&self, point: &Point3<f64>) -> Option<ImagePoint> {
         (point.z > 0.0).then(|| {
@@ -270,15 +284,7 @@ pub fn diagonal_intersection(corners: &[ImagePoint; 4]) -> Option<ImagePoint> {
 mod tests {
     use super::*;
 
-    const CAMERA: Camera = Camera {
-        width: 512,
-        height: 512,
-        fx_px: 470.0,
-        fy_px: 470.0,
-        cx_px: 255.5,
-        cy_px: 255.5,
-        distortion: Distortion::NONE,
-    };
+    const CAMERA: Camera = Camera::pinhole(512, 512, 470.0);
     const BENT: Distortion = Distortion { k1: -0.21, k2: 0.08, p1: 0.002, p2: -0.003, k3: -0.01 };
 
     #[test]

@@ -7,7 +7,7 @@ use std::path::Path;
 use std::process::Command;
 use std::time::Instant;
 
-use cornerbench::geometry::{Camera, Distortion, Pose};
+use cornerbench::geometry::{Camera, Pose};
 use cornerbench::image::{PixelRange, Plane};
 use cornerbench::scene::{Film, RangeRays};
 use cornerbench::sensor::{
@@ -35,16 +35,7 @@ fn film() -> Film {
 
 fn camera() -> Camera {
     let side = u32::try_from(SIZE).unwrap_or(u32::MAX);
-    let middle = 0.5 * (SIZE as f64 - 1.0);
-    Camera {
-        width: side,
-        height: side,
-        fx_px: 470.0,
-        fy_px: 470.0,
-        cx_px: middle,
-        cy_px: middle,
-        distortion: Distortion::NONE,
-    }
+    Camera::pinhole(side, side, 470.0)
 }
 
 /// A camera with all noise, three full planes, and a blur of so many pixels.

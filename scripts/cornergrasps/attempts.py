@@ -21,6 +21,7 @@ from cornergrasps.recipes import Gripper, Robot
 from cornergrasps.scenery import SceneError, Scenery
 from cornerscenes.storage import write_whole
 from cornerscenes.streams import stream
+from cornerscenes.tasks import generators
 
 FORMAT = 1
 
@@ -88,15 +89,16 @@ class SceneTask:
 
 @cache
 def physics() -> dict[str, str]:
-    """Return the versions of what decides an outcome: packages, and the sources of two of ours."""
+    """Return the versions of what decides an outcome: what makes scenes, MuJoCo, our sources."""
     sources = hashlib.sha256()
-    here = Path(__file__).parent
-    objects = here.parent / "cornerscenes" / "objects"
-    for path in [*sorted(here.glob("*.py")), *sorted(objects.glob("*.py"))]:
+    for path in sorted(Path(__file__).parent.glob("*.py")):
         if path.name not in ORCHESTRATION:
             sources.update(path.read_bytes())
-    packages = ("mujoco", "numpy", "scipy")
-    return {"sources": sources.hexdigest(), **{p: importlib.metadata.version(p) for p in packages}}
+    return {
+        **generators(),
+        "cornergrasps": sources.hexdigest(),
+        "mujoco": importlib.metadata.version("mujoco"),
+    }
 
 
 class Stage:
@@ -128,6 +130,7 @@ class Stage:
             "pushed_mm": result.pushed_mm,
             "slip_mm": result.slip_mm,
             "slip_deg": result.slip_deg,
+            "reason": result.reason,
         }
 
     def told(self, told: dict[str, Any]) -> Grasp:
@@ -175,7 +178,7 @@ def controls(stage: Stage, truth: dict[str, Any]) -> dict[str, dict[str, Any]]:
         if isinstance(stage.planned(grasp, knows_target=True), str):
             continue
         found["best"] = stage.outcome(grasp, knows_target=True)
-        way = stream(stage.scenery.name, "wrong").standard_normal(3)
+        way = stream(stage.scenery.key, "wrong").standard_normal(3)
         moved = grasp.point_m + WRONG_M * way / np.linalg.norm(way)
         found["wrong"] = stage.outcome(replace(grasp, point_m=moved))
         break

@@ -11,13 +11,14 @@ import numpy as np
 from jaxtyping import Float
 
 from cornergrasps.engine import Data, mj
-from cornergrasps.grasp import STEP_M
+from cornergrasps.grasp import LIFT_M, STEP_M
 from cornergrasps.model import STEP_S, Model, Obstacle
 from cornergrasps.plan import Plan, place
 from cornergrasps.recipes import Gripper
 
 Outcome = Literal[
     "success",
+    "unreachable",
     "ground",
     "wall",
     "clutter",
@@ -25,6 +26,7 @@ Outcome = Literal[
     "no_contact",
     "slipped",
     "dropped",
+    "failed",
 ]
 
 # How fast the gripper moves [m/s], and how long it closes and holds [s].
@@ -46,6 +48,9 @@ TOUCHED_N = 1.0
 SLIPPED_M = 0.005
 SLIPPED_DEG = 5.0
 
+# One that has risen by less than this share of the way up was not lifted, whoever touches it.
+_LIFTED_SHARE = 0.5
+
 # Contacts are looked at every so many steps.
 _EVERY = 5
 
@@ -60,16 +65,19 @@ class Result:
     ----------
     outcome : Outcome
         Success, or why not.
-    pushed_mm : float
+    pushed_mm : float or None
         How far the target was moved before the jaws closed.
     slip_mm, slip_deg : float or None
         How far it moved and turned between the jaws from when they had closed to the end.
+    reason : str or None
+        Why it failed, where the simulation itself did.
     """
 
     outcome: Outcome
-    pushed_mm: float
+    pushed_mm: float | None = None
     slip_mm: float | None = None
     slip_deg: float | None = None
+    reason: str | None = None
 
 
 def execute(
@@ -94,7 +102,16 @@ def execute(
     watch : Watch
         Is told after each step which phase it belongs to.
     """
-    return _Execution(model, data, gripper, plan, watch).run()
+    try:
+        result = _Execution(model, data, gripper, plan, watch).run()
+    except mj.FatalError as error:
+        return Result("failed", reason=f"MuJoCo: {error}")
+    # A simulation that diverges starts anew by itself: what came after it says nothing.
+    warned = np.flatnonzero(data.warning.number)
+    if warned.size:
+        names = ", ".join(mj.mjtWarning(int(kind)).name for kind in warned)
+        return Result("failed", reason=f"MuJoCo warned of {names}: nothing can be said")
+    return result
 
 
 class _BumpError(Exception):
@@ -130,17 +147,19 @@ class _Execution:
         if not self._holds():
             return Result("no_contact", pushed_mm)
         self.data.eq_active[self.model.model.equality("held").id] = 0
-        held = self._target_in_hand()
+        held, height_m = self._target_in_hand(), self._target()[2, 3]
         try:
             self._move("lift", self.plan.up, self.closed, self._check_lift)
             self._wait("hold", HOLD_S, self._check_lift)
         except _BumpError as bumped:
             return Result(bumped.outcome, pushed_mm)
         slip_m, slip_deg = _moved(held, self._target_in_hand())
+        is_lifted = self._target()[2, 3] - height_m >= _LIFTED_SHARE * LIFT_M
+        is_held = is_lifted and self._holds()
         outcome: Outcome = "success"
-        if self.brushed is not None and (not self._holds() or _is_slip(slip_m, slip_deg)):
+        if self.brushed is not None and (not is_held or _is_slip(slip_m, slip_deg)):
             outcome = self.brushed
-        elif not self._holds():
+        elif not is_held:
             outcome = "dropped"
         elif _is_slip(slip_m, slip_deg):
             outcome = "slipped"

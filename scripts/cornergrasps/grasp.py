@@ -16,6 +16,9 @@ LIFT_M = 0.10
 # Distance between the places of a path [m].
 STEP_M = 0.005
 
+# Jaws that are nearer to the approach than this are along it [sine].
+_LEAST_SINE = 0.02
+
 
 @dataclass(frozen=True)
 class Grasp:
@@ -50,13 +53,14 @@ class Grasp:
         """Return a grasp as an estimator told it.
 
         One that tells a point alone is tried from above, with the jaws along the rows of the image
-        and opened all the way.
+        and opened all the way. Jaws along the approach are across nothing: then they are turned
+        along the rows, too, or along the columns where the approach is along the rows.
         """
         outwards = np.array([0.0, 0.0, 1.0] if approach is None else approach)
-        across = world_from_camera[:3, 0] if jaw is None else np.array(jaw)
         outwards = outwards / np.linalg.norm(outwards)
-        across = across - (across @ outwards) * outwards
-        return cls(np.array(point_m), outwards, across / np.linalg.norm(across), opening_m)
+        told = [] if jaw is None else [np.array(jaw)]
+        across = _across(outwards, [*told, *world_from_camera[:3, :2].T])
+        return cls(np.array(point_m), outwards, across, opening_m)
 
     @property
     def frame(self) -> Float[np.ndarray, "3 3"]:
@@ -77,6 +81,17 @@ class Grasp:
     def way_up_m(self) -> Float[np.ndarray, "n 3"]:
         """Return the places of the gripper's origin from the face to where it holds."""
         return _line(self.point_m, self.point_m + LIFT_M * np.eye(3)[2])
+
+
+def _across(
+    axis: Float[np.ndarray, "3"], directions: list[Float[np.ndarray, "3"]]
+) -> Float[np.ndarray, "3"]:
+    """Return the first of these directions that is not along an axis, made square to it."""
+    square = [direction - (direction @ axis) * axis for direction in directions]
+    least = [_LEAST_SINE * np.linalg.norm(direction) for direction in directions]
+    enough = (np.linalg.norm(way) > limit for way, limit in zip(square, least, strict=True))
+    found = square[next((index for index, is_enough in enumerate(enough) if is_enough), -1)]
+    return found / np.linalg.norm(found)
 
 
 def _line(start: Float[np.ndarray, "3"], end: Float[np.ndarray, "3"]) -> Float[np.ndarray, "n 3"]:

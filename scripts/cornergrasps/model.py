@@ -30,13 +30,32 @@ _WALL_M = 0.05
 _ROOM, _TARGET, _ROBOT = 1, 2, 4
 
 # What a robot can bump into.
-Obstacle = Literal["ground", "wall", "clutter", "target"]
+Obstacle = Literal["unreachable", "ground", "wall", "clutter", "target"]
 
 # For the contacts of a robot that stands in a bush.
 _MEMORY_BYTES = 256 * 1024 * 1024
 
 # How stiff joints are driven [1/s^2]: a place is held as by a critically damped spring.
 _STIFFNESS = 20000.0
+
+# What a motor is tuned to carry beside the gripper [kg]: no target is as heavy. An arm's is tuned
+# to an ordinary one, at its end.
+_MOST_TARGET_KG, _PAYLOAD_KG = 1.0, 0.3
+
+# What the carriage of a flying gripper exerts along each axis [N]: enough for any of them.
+_CARRIAGE_N = 400.0
+
+# Inertia of an arm's motors, and of a hand about the flange's axis at least [kg m^2].
+_ARMATURE_KG_M2, _HAND_KG_M2 = 0.01, 0.02
+
+# The pad is this thick of the finger [m], and weighs next to nothing [kg].
+_PAD_M, _PAD_KG = 0.002, 0.001
+
+# How the mass of a gripper is shared out; each of two fingers has its share.
+_PALM_SHARE, _FINGER_SHARE = 0.7, 0.15
+
+# What the fingers' screw and motor weigh as the jaws feel it [kg], and how it brakes [N s/m].
+_SCREW_KG, _SCREW_NS_M = 0.5, 20.0
 
 
 @dataclass(frozen=True)
@@ -48,10 +67,12 @@ class Model:
     model : CompiledModel
         The model.
     room : dict[int, str]
-        Of each geometry that is neither target nor robot what touching it is called: "ground",
-        "wall" or "clutter".
+        Of each geometry that neither the target nor what moves of the robot has, what touching it
+        is called: "ground", "wall", "clutter", and "unreachable" of the robot's own platform.
     robot : frozenset[int]
         The geometries of arm and gripper; the pads are among them.
+    platform : frozenset[int]
+        Those of what carries the arm.
     fingers : tuple[frozenset[int], frozenset[int]]
         Those of the two fingers.
     hand : frozenset[int]
@@ -65,6 +86,7 @@ class Model:
     model: CompiledModel
     room: dict[int, Obstacle]
     robot: frozenset[int]
+    platform: frozenset[int]
     fingers: tuple[frozenset[int], frozenset[int]]
     hand: frozenset[int]
     target: int
@@ -99,7 +121,8 @@ def build(scenery: Scenery, robot: Robot, gripper: Gripper) -> Model:
     spec.default.geom.solref = [2.0 * STEP_S, 1.0]  # as hard as the steps allow
     names = _room(spec, scenery)
     _target(spec, scenery)
-    joints = _robot(spec, robot, gripper)
+    joints, standing = _robot(spec, robot, gripper)
+    names |= standing
     model = spec.compile()
     room: dict[int, Obstacle] = {model.geom(name).id: called for name, called in names.items()}
     left, right = (
@@ -108,15 +131,16 @@ def build(scenery: Scenery, robot: Robot, gripper: Gripper) -> Model:
     )
     target = model.geom("target").id
     own = frozenset(range(model.ngeom)) - set(room) - {target}
+    platform = frozenset(model.geom(name).id for name in standing)
     hand = left | right | {model.geom("palm").id}
-    return Model(model, room, own, (left, right), hand, target, joints)
+    return Model(model, room, own, platform, (left, right), hand, target, joints)
 
 
 def _room(spec: Spec, scenery: Scenery) -> dict[str, Obstacle]:
     """Add floor, walls and clutter; return what touching each of them is called."""
     world = spec.worldbody
     names: dict[str, Obstacle] = {}
-    touched = {"contype": _ROOM, "conaffinity": 0, "friction": [FRICTION, 0.005, 0.0001]}
+    touched = {"contype": _ROOM, "conaffinity": 0, "friction": _ordinary(FRICTION)}
     surfaces = scenery.surfaces_m or {"floor": _floor_below(scenery)}
     for name, (first, second, third, fourth) in surfaces.items():
         normal = np.cross(second - first, fourth - first)
@@ -163,7 +187,7 @@ def _target(spec: Spec, scenery: Scenery) -> None:
         density=DENSITY_KG_M3,
         contype=_TARGET,
         conaffinity=_ROOM | _ROBOT,
-        friction=[FRICTION, 0.005, 0.0001],
+        friction=_ordinary(FRICTION),
     )
     spec.add_equality(
         name="held",
@@ -177,15 +201,24 @@ def _target(spec: Spec, scenery: Scenery) -> None:
     )
 
 
-def _robot(spec: Spec, robot: Robot, gripper: Gripper) -> int:
-    """Add the robot; return how many joints carry the gripper."""
+def _robot(spec: Spec, robot: Robot, gripper: Gripper) -> tuple[int, dict[str, Obstacle]]:
+    """Add the robot.
+
+    Returns
+    -------
+    int
+        How many joints carry the gripper.
+    dict[str, Obstacle]
+        What of it stands still, and what touching that is called: a stance from which the robot
+        touches its own platform is none.
+    """
     root = spec.worldbody.add_body(name="root", mocap=True)
-    if robot.arm is None:
-        hand, count = _carriage(spec, root, gripper), 3
-    else:
-        hand, count = _arm(spec, root, robot.arm, gripper), 5
-    _hand(spec, hand, gripper)
-    return count
+    if robot.arm is None or robot.platform_m is None:
+        _hand(spec, _carriage(spec, root, gripper), gripper)
+        return 3, {}
+    names = _platform(root, robot.arm, robot.platform_m)
+    _hand(spec, _arm(spec, root, robot.arm, gripper), gripper)
+    return 5, dict.fromkeys(names, "unreachable")
 
 
 def _carriage(spec: Spec, root: Body, gripper: Gripper) -> Body:
@@ -198,27 +231,48 @@ def _carriage(spec: Spec, root: Body, gripper: Gripper) -> Body:
             type=mj.mjtJoint.mjJNT_SLIDE,
             axis=np.eye(3)[axis],
         )
-        _drive(spec, name, gripper.mass_kg + 1.0, 400.0)
+        _drive(spec, name, gripper.mass_kg + _MOST_TARGET_KG, _CARRIAGE_N)
     return hand
 
 
+def _platform(root: Body, arm: Arm, size_m: tuple[float, float, float]) -> list[str]:
+    """Add the platform and the column on it that carries the arm; return their names.
+
+    The root's frame is the first axis, on the floor, forwards along x.
+    """
+    touched = {"contype": _ROOM, "conaffinity": 0, "friction": _ordinary(FRICTION)}
+    root.add_geom(
+        name="platform",
+        type=mj.mjtGeom.mjGEOM_BOX,
+        size=[0.5 * side for side in size_m],
+        pos=[-arm.base_m[0], 0.0, 0.5 * size_m[2]],
+        **touched,
+    )
+    if arm.base_m[1] <= size_m[2]:
+        return ["platform"]
+    root.add_geom(
+        name="column",
+        type=mj.mjtGeom.mjGEOM_CYLINDER,
+        size=[arm.radius_m, 0.5 * (arm.base_m[1] - size_m[2]), 0.0],
+        pos=[0.0, 0.0, 0.5 * (arm.base_m[1] + size_m[2])],
+        **touched,
+    )
+    return ["platform", "column"]
+
+
 def _arm(spec: Spec, root: Body, arm: Arm, gripper: Gripper) -> Body:
-    """Add the five links; the root's frame is the first axis, on the floor, forwards along x."""
-    up = np.array([0.0, 0.0, 1.0])
-    places = [
-        arm.base_m[1] * up,
-        np.array([arm.shoulder_m[0], 0.0, arm.shoulder_m[1]]),
-        arm.upper_arm_m * up,
-        arm.forearm_m * up,
-        arm.wrist_m * up,
+    """Add the five links, each a capsule as long as it is to the next pitch, or a ball."""
+    up, forwards, level = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0]), [0.0, 1.0, 0.0]
+    # Where each joint is on the link before it, about what it turns, and how long its link is.
+    chain = [
+        (arm.base_m[1] * up, up, 0.0),
+        (arm.shoulder_m[0] * forwards + arm.shoulder_m[1] * up, level, arm.upper_arm_m),
+        (arm.upper_arm_m * up, level, arm.forearm_m),
+        (arm.forearm_m * up, level, arm.wrist_m),
+        (arm.wrist_m * up, up, 0.0),
     ]
-    axes = [up, np.array([0.0, 1.0, 0.0])] * 1 + [np.array([0.0, 1.0, 0.0])] * 2 + [up]
-    lengths = [None, arm.upper_arm_m, arm.forearm_m, arm.wrist_m, None]
     body = root
-    # What each joint has to turn is bounded by all beyond it, stretched out.
-    reach = [arm.upper_arm_m + arm.forearm_m + arm.wrist_m, arm.upper_arm_m + arm.forearm_m]
-    reach = [reach[0], reach[0], arm.forearm_m + arm.wrist_m, arm.wrist_m, 0.05]
-    for index, (place, axis) in enumerate(zip(places, axes, strict=True)):
+    for index, (place, axis, length_m) in enumerate(chain):
         name = f"joint {index + 1}"
         body = body.add_body(name=f"link {index + 1}", pos=place, gravcomp=1.0)
         low, high = np.radians(arm.limits_deg[index])
@@ -228,26 +282,29 @@ def _arm(spec: Spec, root: Body, arm: Arm, gripper: Gripper) -> Body:
             axis=axis,
             limited=mj.mjtLimited.mjLIMITED_TRUE,
             range=[low, high],
-            armature=0.01,
+            armature=_ARMATURE_KG_M2,
         )
-        length = lengths[index]
-        shape = {
-            "name": f"link {index + 1}",
-            "mass": arm.mass_kg[index],
-            "contype": _ROBOT,
-            "conaffinity": _ROOM,
-        }
-        if length is None:
-            body.add_geom(type=mj.mjtGeom.mjGEOM_SPHERE, size=[arm.radius_m, 0.0, 0.0], **shape)
-        else:
-            body.add_geom(
-                type=mj.mjtGeom.mjGEOM_CAPSULE,
-                fromto=[0.0, 0.0, 0.0, 0.0, 0.0, length],
-                size=[arm.radius_m, 0.0, 0.0],
-                **shape,
-            )
-        beyond = gripper.mass_kg + 0.3 + sum(arm.mass_kg[index:])
-        _drive(spec, name, beyond * reach[index] ** 2 + 0.02, arm.torque_nm[index])
+        form = (
+            {"type": mj.mjtGeom.mjGEOM_CAPSULE, "fromto": [0.0] * 5 + [length_m]}
+            if length_m > 0.0
+            else {"type": mj.mjtGeom.mjGEOM_SPHERE}
+        )
+        body.add_geom(
+            name=f"link {index + 1}",
+            size=[arm.radius_m, 0.0, 0.0],
+            mass=arm.mass_kg[index],
+            contype=_ROBOT,
+            conaffinity=_ROOM,
+            **form,
+        )
+        # What a joint has to turn is at most all beyond it at the end of the arm stretched out.
+        beyond_kg = sum(arm.mass_kg[index:]) + gripper.mass_kg + _PAYLOAD_KG
+        stretched_m = sum(length for _, _, length in chain[max(index, 1) :])
+        inertia = beyond_kg * max(stretched_m, arm.radius_m) ** 2
+        _drive(spec, name, inertia + _HAND_KG_M2, arm.torque_nm[index])
+    # The shoulder is in the column, whose end its first two links go round.
+    for link in ("link 1", "link 2"):
+        spec.add_exclude(bodyname1="root", bodyname2=link)
     # At 0 the jaws move sideways; the hand's origin is the face, so far beyond the flange.
     turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     return body.add_body(
@@ -261,7 +318,19 @@ def reach_m(gripper: Gripper) -> float:
 
 
 def _drive(spec: Spec, joint: str, inertia: float, most: float) -> None:
-    """Add a motor that holds a joint where it is told to be."""
+    """Add a motor that holds a joint where it is told to be.
+
+    Parameters
+    ----------
+    spec : Spec
+        The model.
+    joint : str
+        Its name, the motor's too.
+    inertia : float
+        What it moves: [kg] of a straight joint, [kg m^2] of a turning one.
+    most : float
+        What it exerts at most: [N], or [N m].
+    """
     spec.add_actuator(
         name=joint,
         trntype=mj.mjtTrn.mjTRN_JOINT,
@@ -277,7 +346,7 @@ def _drive(spec: Spec, joint: str, inertia: float, most: float) -> None:
 
 def _hand(spec: Spec, hand: Body, gripper: Gripper) -> None:
     """Add palm and fingers: x along the jaws, z the way it comes, the origin on the face."""
-    robot = {"contype": _ROBOT, "conaffinity": _ROOM, "friction": [FRICTION, 0.005, 0.0001]}
+    robot = {"contype": _ROBOT, "conaffinity": _ROOM, "friction": _ordinary(FRICTION)}
     thickness, width, length = gripper.finger_m
     pad_width, pad_length = gripper.pad_m
     back = gripper.depth_m - length
@@ -286,7 +355,7 @@ def _hand(spec: Spec, hand: Body, gripper: Gripper) -> None:
         type=mj.mjtGeom.mjGEOM_BOX,
         size=[0.5 * side for side in gripper.palm_m],
         pos=[0.0, 0.0, back - 0.5 * gripper.palm_m[2]],
-        mass=0.7 * gripper.mass_kg,
+        mass=_PALM_SHARE * gripper.mass_kg,
         **robot,
     )
     half = 0.5 * gripper.most_opening_m
@@ -298,31 +367,30 @@ def _hand(spec: Spec, hand: Body, gripper: Gripper) -> None:
             axis=[sign, 0.0, 0.0],
             limited=mj.mjtLimited.mjLIMITED_TRUE,
             range=[0.5 * gripper.least_opening_m, half + 1e-4],
-            damping=20.0,
-            armature=0.5,
+            damping=_SCREW_NS_M,
+            armature=_SCREW_KG,
         )
-        pad_thickness = 0.002
         finger.add_geom(
             name=f"{side} finger",
             type=mj.mjtGeom.mjGEOM_BOX,
-            size=[0.5 * (thickness - pad_thickness), 0.5 * width, 0.5 * length],
+            size=[0.5 * (thickness - _PAD_M), 0.5 * width, 0.5 * length],
             pos=[
-                sign * (pad_thickness + 0.5 * (thickness - pad_thickness)),
+                sign * (_PAD_M + 0.5 * (thickness - _PAD_M)),
                 0.0,
                 back + 0.5 * length,
             ],
-            mass=0.15 * gripper.mass_kg,
+            mass=_FINGER_SHARE * gripper.mass_kg,
             **robot,
         )
         finger.add_geom(
             name=f"{side} pad",
             type=mj.mjtGeom.mjGEOM_BOX,
-            size=[0.5 * pad_thickness, 0.5 * pad_width, 0.5 * pad_length],
-            pos=[sign * 0.5 * pad_thickness, 0.0, gripper.depth_m - 0.5 * pad_length],
-            mass=0.001,
+            size=[0.5 * _PAD_M, 0.5 * pad_width, 0.5 * pad_length],
+            pos=[sign * 0.5 * _PAD_M, 0.0, gripper.depth_m - 0.5 * pad_length],
+            mass=_PAD_KG,
             contype=_ROBOT,
             conaffinity=_ROOM,
-            friction=[gripper.friction, 0.005, 0.0001],
+            friction=_ordinary(gripper.friction),
             condim=4,
             priority=1,
         )
@@ -336,7 +404,13 @@ def _hand(spec: Spec, hand: Body, gripper: Gripper) -> None:
         data=[0.0, 1.0] + [0.0] * 10,
         solref=[2.0 * STEP_S, 1.0],
     )
-    _drive(spec, "left", 1.0 + 0.3 * gripper.mass_kg, 2.0 * gripper.force_n)
+    moved_kg = 2.0 * (_SCREW_KG + _FINGER_SHARE * gripper.mass_kg)
+    _drive(spec, "left", moved_kg, 2.0 * gripper.force_n)
+
+
+def _ordinary(friction: float) -> list[float]:
+    """Return Coulomb's coefficient [-] with those against turning and rolling [m]."""
+    return [friction, 0.005, 0.0001]
 
 
 def quaternion(turn: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "4"]:

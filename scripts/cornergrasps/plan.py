@@ -44,8 +44,6 @@ class Plan:
         The joints on the way there and on the way up.
     opened_m : float
         How far the jaws are apart on the way there.
-    platform : tuple[float, float, float] or None
-        Its middle [m] and the way it looks [rad].
     """
 
     root_m: Float[np.ndarray, "3"]
@@ -53,7 +51,6 @@ class Plan:
     there: Float[np.ndarray, "n k"]
     up: Float[np.ndarray, "m k"]
     opened_m: float
-    platform: tuple[float, float, float] | None
 
 
 def plan(
@@ -86,7 +83,7 @@ def plan(
     tried = (
         [_flight(grasp, gripper)]
         if robot.arm is None or robot.platform_m is None
-        else _stances(scenery, robot.arm, robot.platform_m, gripper, grasp)
+        else stances(scenery, robot.arm, robot.platform_m, gripper, grasp)
     )
     for candidate in tried:
         hindrance = _hindrance(model, data, candidate, knows_target)
@@ -110,10 +107,10 @@ def _flight(grasp: Grasp, gripper: Gripper) -> Plan:
     there, up = (way - grasp.point_m for way in (grasp.way_there_m(gripper), grasp.way_up_m()))
     frame = grasp.frame
     opened = grasp.opened_m(gripper)
-    return Plan(grasp.point_m, quaternion(frame), there @ frame, up @ frame, opened, None)
+    return Plan(grasp.point_m, quaternion(frame), there @ frame, up @ frame, opened)
 
 
-def _stances(
+def stances(
     scenery: Scenery,
     arm: Arm,
     platform_m: tuple[float, float, float],
@@ -144,14 +141,12 @@ def _stances(
                 ends = np.array([[bearing - heading, turn]] * len(way))
                 ends[:, 0] = (ends[:, 0] + np.pi) % (2.0 * np.pi) - np.pi
                 joints = np.column_stack([ends[:, 0], pitches[index], ends[:, 1]])
-                middle = root - arm.base_m[0] * np.array([np.cos(heading), np.sin(heading)])
                 yield Plan(
                     np.array([*root, 0.0]),
                     np.array([np.cos(0.5 * heading), 0.0, 0.0, np.sin(0.5 * heading)]),
                     joints[: len(there)],
                     joints[len(there) :],
                     grasp.opened_m(gripper),
-                    (float(middle[0]), float(middle[1]), float(heading)),
                 )
 
 
@@ -217,8 +212,9 @@ def _hindrance(model: Model, data: Data, candidate: Plan, knows_target: bool) ->
         mj.mj_collision(model.model, data)
         for geometries in data.contact.geom:
             touched = model.touched(geometries)
-            if touched is None and knows_target and lifted_m > 0.0:
-                touched = model.target_touches(geometries)
+            if touched is None and lifted_m > 0.0:
+                against = model.target_touches(geometries)
+                touched = against if knows_target or against == "unreachable" else None
             if touched is not None:
                 return touched
     return None

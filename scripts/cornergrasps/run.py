@@ -10,6 +10,7 @@ from pathlib import Path
 
 from cornergrasps.attempts import SceneTask, carry_out
 from cornergrasps.recipes import Gripper, Robot
+from cornerscenes.storage import Folder
 from cornerscenes.tables import RecipeError, read
 from cornerscenes.workers import (
     ALL_DONE,
@@ -56,11 +57,8 @@ def run(options: argparse.Namespace, tell: Tell, stop: Stop) -> int:
     """Carry out what is missing; return the exit code."""
     tasks = _tasks(options)
     options.output.mkdir(parents=True, exist_ok=True)
-    for left_behind in options.output.glob(".*~*"):  # of a process that was killed while it wrote
-        left_behind.unlink(missing_ok=True)
+    Folder(options.output).remove_unfinished(None)
     missing = [task for task in tasks if not task.is_done()]
-    for task in missing:
-        task.path.unlink(missing_ok=True)  # of other grasps, or of another physics
     tell({"event": "start", "scenes": len(tasks), "missing": len(missing)})
     failed = done = 0
     started_s = time.monotonic()

@@ -64,6 +64,8 @@ class Scenery:
     ----------
     name : str
         The scene's.
+    key : str
+        What its random streams start from.
     size_m : Float[np.ndarray, "3"]
         The cuboid's extent along its own axes; it stands on its own z = 0, about its z axis.
     world_from_target : Float[np.ndarray, "4 4"]
@@ -77,6 +79,7 @@ class Scenery:
     """
 
     name: str
+    key: str
     size_m: Float[np.ndarray, "3"]
     world_from_target: Float[np.ndarray, "4 4"]
     things: tuple[Thing, ...]
@@ -105,6 +108,7 @@ class Scenery:
             raise SceneError(f"{name}: its target is a {target['kind']}, only cuboids are grasped")
         return cls(
             name=name,
+            key=content["key"],
             size_m=np.array(target["size_m"]),
             world_from_target=_pose(target["world_from_target"]),
             things=_things(name, content),

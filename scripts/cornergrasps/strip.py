@@ -164,7 +164,7 @@ class Studio:
 
         mitsuba_backend.choose_variant()
         self._backend = mitsuba_backend
-        self._stage, self._plan = stage, plan
+        self._stage = stage
         described = json.loads((folder / "scene.json").read_text(encoding="utf-8"))
         self._light = _light(described["light"])
         self._surfaces = tuple(
@@ -200,7 +200,7 @@ class Studio:
         """Return the meshes of the robot, as the model has its geometries."""
         model = self._stage.model.model
         found = []
-        for geometry in sorted(self._stage.model.robot):
+        for geometry in sorted(self._stage.model.robot | self._stage.model.platform):
             name = model.geom(geometry).name
             own = np.eye(4)
             own[:3, :3] = _matrix(model.geom_quat[geometry])
@@ -208,20 +208,14 @@ class Studio:
             size = model.geom_size[geometry]
             kind = model.geom_type[geometry]
             if kind == mj.mjtGeom.mjGEOM_BOX:
-                part = _box(2.0 * size, _RUBBER if "pad" in name else _STEEL)
+                materials = {"platform": _ORANGE, "left pad": _RUBBER, "right pad": _RUBBER}
+                part = _box(2.0 * size, materials.get(name, _STEEL))
+            elif kind == mj.mjtGeom.mjGEOM_CYLINDER:
+                part = _box(2.0 * size[[0, 0, 1]], _ORANGE)
             else:
                 length = size[1] if kind == mj.mjtGeom.mjGEOM_CAPSULE else 0.0
                 part = _capsule(size[0], length, _ORANGE)
             found.append((part, moment.pose(model.geom_bodyid[geometry]) @ own))
-        if self._plan.platform is not None and self._stage.robot.platform_m is not None:
-            x, y, heading = self._plan.platform
-            pose = np.eye(4)
-            pose[:2, :2] = [
-                [np.cos(heading), -np.sin(heading)],
-                [np.sin(heading), np.cos(heading)],
-            ]
-            pose[:3, 3] = x, y, 0.5 * self._stage.robot.platform_m[2]
-            found.append((_box(np.array(self._stage.robot.platform_m), _ORANGE), pose))
         return found
 
 
@@ -233,8 +227,8 @@ def _viewpoint(stage: Stage, plan: Plan) -> Float[np.ndarray, "4 4"]:
     """
     eye, centre = stage.scenery.world_from_camera[:3, 3], stage.scenery.centre_m
     way = eye - centre
-    if plan.platform is not None:
-        along = centre[:2] - plan.platform[:2]
+    if stage.robot.arm is not None:
+        along = centre[:2] - plan.root_m[:2]
         along = along / np.linalg.norm(along)
         aside = np.array([-along[1], along[0]])
         aside = aside if aside @ way[:2] > 0.0 else -aside

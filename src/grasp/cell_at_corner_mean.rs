@@ -74,20 +74,12 @@ mod tests {
     use nalgebra::{Isometry3, Point3, Vector3};
 
     use super::*;
-    use crate::geometry::{Camera, Distortion};
+    use crate::geometry::Camera;
     use crate::image::Plane;
 
     /// A colour camera of 64 x 64 pixels over a range image of 4 x 4 cells.
     fn rig() -> Rig {
-        let camera = Camera {
-            width: 64,
-            height: 64,
-            fx_px: 32.0,
-            fy_px: 32.0,
-            cx_px: 31.5,
-            cy_px: 31.5,
-            distortion: Distortion::NONE,
-        };
+        let camera = Camera::pinhole(64, 64, 32.0);
         // A metre up and looking down: x stays, y and z turn over.
         let turn = Isometry3::rotation(Vector3::x() * std::f64::consts::PI);
         let world_from_camera = Isometry3::translation(0.0, 0.0, 1.0) * turn;
@@ -96,15 +88,7 @@ mod tests {
 
     /// Depth 1 m wherever there is an answer; cell (3, 3) has none.
     fn range() -> RangeImage {
-        let camera = Camera {
-            width: 4,
-            height: 4,
-            fx_px: 2.0,
-            fy_px: 2.0,
-            cx_px: 1.5,
-            cy_px: 1.5,
-            distortion: Distortion::NONE,
-        };
+        let camera = Camera::pinhole(4, 4, 2.0);
         #[allow(clippy::cast_precision_loss, reason = "small numbers")]
         let points = Plane::from_fn(4, 4, |x, y| {
             ((x, y) != (3, 3)).then(|| camera.unproject(ImagePoint::new(x as f64, y as f64), 1.0))

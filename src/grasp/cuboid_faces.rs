@@ -1,8 +1,9 @@
 //! The faces of the one cuboid that corners and edges are seen of.
 //!
 //! ```text
-//! # Method      (1) The cuboid: junctions at the corners, three rays from one of them and lengths told by others, then all
-//!               of its edges that are seen (refine/cuboid_fit.rs; of several hypotheses the one with most evidence).
+//! # Method      (1) The cuboid: junctions at the corners, three rays from one of them, or two junctions at the ends of
+//!               one edge, and lengths told by others, then all of its edges that are seen (refine/cuboid_fit.rs; of
+//!               several hypotheses the one with most evidence).
 //!               (2) Its vertices: where a corner lies within the gate of one, that corner is where it is seen, with its
 //!               own covariance; where none does, the vertex is completed by the cuboid. So hidden vertices are known,
 //!               and known to be hidden. (3) Its faces that look at the camera and whose lengths are told, least
@@ -314,7 +315,7 @@ mod tests {
     use nalgebra::Matrix3;
 
     use super::*;
-    use crate::geometry::{Distortion, Pose};
+    use crate::geometry::Pose;
     use crate::image::{PixelRange, Plane};
     use crate::sensor::{Encoding, Transfer};
 
@@ -434,15 +435,7 @@ mod tests {
         let cuboid = cuboid([Vector3::x(), Vector3::y(), Vector3::z()]);
         let [a, b, c, d] = corners.map(at);
         let all = [a, b, d, c, None, None, None, None];
-        let camera = Camera {
-            width: 64,
-            height: 64,
-            fx_px: 64.0,
-            fy_px: 64.0,
-            cx_px: 31.5,
-            cy_px: 31.5,
-            distortion: Distortion::NONE,
-        };
+        let camera = Camera::pinhole(64, 64, 64.0);
         let rig = Rig { camera, world_from_camera: Pose::identity(), object_size_m: None };
         let found: Vec<Candidate> = candidates(&cuboid, &all, &target, &rig).collect();
         let [face] = &found[..] else { panic!("{}", found.len()) };

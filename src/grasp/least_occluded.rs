@@ -290,7 +290,7 @@ fn from_the_topmost(mut corners: [ImagePoint; 4]) -> [ImagePoint; 4] {
 mod tests {
     use super::*;
     use crate::detect::Detection;
-    use crate::geometry::{Camera, Distortion, Pose};
+    use crate::geometry::{Camera, Pose};
     use crate::image::{PixelRange, Plane};
     use crate::refine::RefineStatus;
     use crate::sensor::{Encoding, Transfer};
@@ -321,15 +321,7 @@ mod tests {
     }
 
     fn rig() -> Rig {
-        let camera = Camera {
-            width: 64,
-            height: 64,
-            fx_px: 64.0,
-            fy_px: 64.0,
-            cx_px: 31.5,
-            cy_px: 31.5,
-            distortion: Distortion::NONE,
-        };
+        let camera = Camera::pinhole(64, 64, 64.0);
         Rig { camera, world_from_camera: Pose::identity(), object_size_m: None }
     }
 

@@ -163,22 +163,14 @@ fn inside_px(corners: &[ImagePoint; 4], point: ImagePoint) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::{Camera, Distortion, Pose};
+    use crate::geometry::{Camera, Pose};
     use crate::image::Plane;
     use crate::sensor::DepthNoise;
 
     /// A camera of 64 x 64 pixels and one of 16 x 16 cells in the same place, whose middles are seen at 1.5 px, 5.5 px,
     /// ...; the depth is of a cell's column.
     fn cells_of_four_pixels(depth_m: impl Fn(usize) -> f64) -> (Rig, RangeImage) {
-        let camera = Camera {
-            width: 64,
-            height: 64,
-            fx_px: 64.0,
-            fy_px: 64.0,
-            cx_px: 31.5,
-            cy_px: 31.5,
-            distortion: Distortion::NONE,
-        };
+        let camera = Camera::pinhole(64, 64, 64.0);
         let of_range = camera.resized([16, 16]);
         #[allow(clippy::cast_precision_loss, reason = "small numbers")]
         let point = |x: usize, y: usize| {

@@ -15,7 +15,7 @@ pub mod outcome {
     pub const NO_GRASP: &str = "no_grasp";
     /// The gripper does not open so far.
     pub const TOO_WIDE: &str = "too_wide";
-    /// The robot cannot get there from anywhere.
+    /// The robot cannot get there from anywhere: out of reach, or its own platform is in the way.
     pub const UNREACHABLE: &str = "unreachable";
     /// It would bump into the floor.
     pub const GROUND: &str = "ground";
@@ -29,9 +29,9 @@ pub mod outcome {
     pub const NO_CONTACT: &str = "no_contact";
     /// The target moved between the jaws.
     pub const SLIPPED: &str = "slipped";
-    /// It fell out of them.
+    /// It fell out of them, or did not rise.
     pub const DROPPED: &str = "dropped";
-    /// The scene could not be rebuilt, or its process died.
+    /// The scene could not be rebuilt, its process died, or the simulation diverged.
     pub const FAILED: &str = "failed";
 
     /// All but success and what was never carried out, in the order in which things go wrong.

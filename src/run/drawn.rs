@@ -308,14 +308,5 @@ fn fitted(factors: &Factors, camera: &Photographer) -> Photographer {
 fn frame() -> Camera {
     #[allow(clippy::cast_possible_truncation, reason = "tens of pixels")]
     let size = SIZE as u32;
-    let middle = 0.5 * (SIZE as f64 - 1.0);
-    Camera {
-        width: size,
-        height: size,
-        fx_px: 1000.0,
-        fy_px: 1000.0,
-        cx_px: middle,
-        cy_px: middle,
-        distortion: Distortion::NONE,
-    }
+    Camera::pinhole(size, size, 1000.0)
 }

@@ -67,26 +67,9 @@ mod tests {
     use nalgebra::{Isometry3, Vector3};
 
     use super::*;
-    use crate::geometry::Distortion;
 
-    const COLOUR: Camera = Camera {
-        width: 512,
-        height: 512,
-        fx_px: 480.0,
-        fy_px: 480.0,
-        cx_px: 255.5,
-        cy_px: 255.5,
-        distortion: Distortion::NONE,
-    };
-    const RANGE: Camera = Camera {
-        width: 32,
-        height: 32,
-        fx_px: 30.0,
-        fy_px: 30.0,
-        cx_px: 15.5,
-        cy_px: 15.5,
-        distortion: Distortion::NONE,
-    };
+    const COLOUR: Camera = Camera::pinhole(512, 512, 480.0);
+    const RANGE: Camera = Camera::pinhole(32, 32, 30.0);
 
     fn nearest(turn: f64, x: f64, y: f64) -> Option<(usize, usize)> {
         let pose = Isometry3::rotation(Vector3::new(0.3, 0.2, 0.1));

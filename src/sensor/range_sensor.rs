@@ -260,17 +260,8 @@ fn lit(depth_m: &Plane<f32>, focal_px: f64, baseline_m: f64) -> Plane<f32> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::Distortion;
 
-    const CAMERA: Camera = Camera {
-        width: 32,
-        height: 24,
-        fx_px: 30.0,
-        fy_px: 30.0,
-        cx_px: 15.5,
-        cy_px: 11.5,
-        distortion: Distortion::NONE,
-    };
+    const CAMERA: Camera = Camera::pinhole(32, 24, 30.0);
 
     /// Eight rays across each cell and down, with a depth by column and row; points on the central rays.
     fn rays(depth_m: impl Fn(usize, usize) -> f32) -> RangeRays {

@@ -11,7 +11,7 @@ mod drawing;
 
 use std::time::{Duration, Instant};
 
-use cornerbench::geometry::{Camera, Distortion, ImagePoint, Pose};
+use cornerbench::geometry::{Camera, ImagePoint, Pose};
 use cornerbench::grasp::{self, Face, FaceSelector, NoFace};
 use cornerbench::image::Plane;
 use cornerbench::registry;
@@ -121,15 +121,7 @@ struct Rates {
 
 /// Nothing of it matters to what is tested here.
 fn rig() -> Rig {
-    let camera = Camera {
-        width: 128,
-        height: 128,
-        fx_px: 128.0,
-        fy_px: 128.0,
-        cx_px: 63.5,
-        cy_px: 63.5,
-        distortion: Distortion::NONE,
-    };
+    let camera = Camera::pinhole(128, 128, 128.0);
     Rig { camera, world_from_camera: Pose::identity(), object_size_m: None }
 }
 

@@ -291,3 +291,79 @@ fn explained(cuboid: &Cuboid, junctions: &[Rays], camera: &Camera) -> usize {
         })
         .sum()
 }
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Rotation3, Vector3};
+
+    use super::*;
+    use crate::random::Stream;
+
+    const CAMERA: Camera = Camera::pinhole(512, 512, 600.0);
+
+    /// A cuboid of lengths 0.2, 0.3 and 0.25 at depth 1 to 1.5, turned any way; its first vertex the nearest.
+    fn any_cuboid(random: &mut Stream) -> Cuboid {
+        let turn = Rotation3::new(Vector3::from_fn(|_, _| random.normal()));
+        let first = Vector3::new(0.1 * random.normal(), 0.1 * random.normal(), 1.0);
+        let axes = [0, 1, 2].map(|axis| {
+            let axis = turn.matrix().column(axis).into_owned();
+            if axis.dot(&first) < 0.0 { -axis } else { axis }
+        });
+        Cuboid { axes, first, lengths: [0.2, 0.3, 0.25], is_known: [true; 3] }
+    }
+
+    /// The corners of the face across an axis at its start, each with the two edges of that face.
+    fn corners_of_face(cuboid: &Cuboid, across: usize) -> Vec<Rays> {
+        let sides: Vec<usize> = (0..3).filter(|axis| *axis != across).collect();
+        let at = |vertex| match cuboid.vertex(vertex, &CAMERA) {
+            Some(point) => point,
+            None => panic!("vertex {vertex} is behind the camera"),
+        };
+        let corner = |vertex: usize| {
+            let here = at(vertex);
+            let mut angles = [0.0; MOST_RAYS];
+            for (angle, side) in angles.iter_mut().zip(&sides) {
+                let there = at(vertex ^ 1 << side);
+                *angle = (there.y - here.y).atan2(there.x - here.x);
+            }
+            angles[..2].sort_by(f64::total_cmp);
+            Rays { vertex: [here.x, here.y], sigma_px: 0.7, count: 2, angles_rad: angles }
+        };
+        let [a, b] = [1 << sides[0], 1 << sides[1]];
+        [0, a, a | b, b].map(corner).to_vec()
+    }
+
+    /// The axis of which most is there.
+    fn most(of: impl Fn(usize) -> f64) -> usize {
+        (1..3).fold(0, |best, axis| if of(axis) > of(best) { axis } else { best })
+    }
+
+    #[test]
+    fn four_corners_of_one_face_tell_the_axes_and_two_lengths_but_no_three_rays_do() {
+        let mut random = Stream::named(&["tests", "hypothesis", "two junctions"]);
+        for _ in 0..100 {
+            let cuboid = any_cuboid(&mut random);
+            let across = most(|axis| cuboid.axes[axis].dot(&cuboid.first));
+            let junctions = corners_of_face(&cuboid, across);
+            assert!(of_three_rays(&junctions, &CAMERA, 1).is_empty());
+            let found = of_two_junctions(&junctions, &CAMERA, 8);
+            // Whichever corner each starts at and however long it is, its axes are the true ones, that of the face away
+            // from the camera; and one has the sides as long to each other as they are. The depth nothing tells.
+            let is_right = |hypothesis: &Cuboid| {
+                let own = [0, 1, 2].map(|axis: usize| {
+                    let along = |own: usize| hypothesis.axes[own].dot(&cuboid.axes[axis]).abs();
+                    let own = most(along);
+                    assert!(along(own) > 1.0 - 1e-9, "{hypothesis:?} of {cuboid:?}");
+                    own
+                });
+                assert!(hypothesis.axes[own[across]].dot(&cuboid.axes[across]) > 0.0);
+                let [a, b] = [(across + 1) % 3, (across + 2) % 3];
+                let ratio = hypothesis.lengths[own[a]] / hypothesis.lengths[own[b]];
+                let wanted = cuboid.lengths[a] / cuboid.lengths[b];
+                hypothesis.faces(own[across], false) && (ratio / wanted - 1.0).abs() < 1e-6
+            };
+            let right = found.iter().filter(|hypothesis| is_right(hypothesis)).count();
+            assert!(right > 0, "{cuboid:?}: {found:?}");
+        }
+    }
+}

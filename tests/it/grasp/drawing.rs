@@ -1,7 +1,7 @@
 //! Drawn cuboids in random poses, what stands before them, and the corners that would be found.
 
 use cornerbench::detect::Detection;
-use cornerbench::geometry::{Camera, Distortion, ImagePoint};
+use cornerbench::geometry::{Camera, ImagePoint};
 use cornerbench::image::{PixelRange, Plane};
 use cornerbench::refine::{Corner, RefineStatus};
 use cornerbench::sensor::{Encoding, Exposure, Transfer};
@@ -10,15 +10,7 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 pub(super) const SIZE: usize = 512;
 pub(super) const FOCAL_PX: f64 = 470.0;
-pub(super) const CAMERA: Camera = Camera {
-    width: 512,
-    height: 512,
-    fx_px: FOCAL_PX,
-    fy_px: FOCAL_PX,
-    cx_px: 255.5,
-    cy_px: 255.5,
-    distortion: Distortion::NONE,
-};
+pub(super) const CAMERA: Camera = Camera::pinhole(512, 512, FOCAL_PX);
 
 /// SplitMix64 (Steele, Lea & Flood 2014): the same scenes on every machine.
 pub(super) struct Random(u64);
