@@ -253,6 +253,10 @@ pub struct Record {
     pub face_is_right: Option<bool>,
     /// Share of the chosen face's pixels that are not the target's, as the method saw it.
     pub face_gap_fraction: Option<f64>,
+    /// Cuboids that were fitted to what is seen of which no two are the same.
+    pub face_hypotheses: Option<i32>,
+    /// By what share the chosen one has more evidence than the next; 1 where there is no other.
+    pub face_margin: Option<f64>,
     /// The image point whose range was looked up \[px\].
     pub grasp_x_px: Option<f64>,
     /// The image point whose range was looked up \[px\].
@@ -296,6 +300,8 @@ pub struct Record {
     pub opening_m: Option<f64>,
     /// Between the approach and the true face's normal \[deg\].
     pub approach_error_deg: Option<f64>,
+    /// What the method says of that \[deg\].
+    pub approach_sigma_deg: Option<f64>,
     /// Between the jaws' way and the true face's shorter side, either side of a square \[deg\].
     pub jaw_error_deg: Option<f64>,
     /// Of the opening, positive when too wide \[mm\].

@@ -105,6 +105,44 @@ impl OperatingPoint {
     }
 }
 
+/// One that answers only where it is certain enough: how often it answers, and how often it is wrong then.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct Selective {
+    /// Share of what was asked that is answered.
+    pub coverage: f64,
+    /// Share of these answers that are wrong.
+    pub risk: f64,
+}
+
+/// Risk over coverage, the most certain answers first (El-Yaniv & Wiener, On the foundations of noise-free selective
+/// classification, JMLR 2010): of each answer the error that it states of itself, infinite where it states none, and
+/// whether it is wrong. Answers that state the same come together. The last point is that of all answers.
+#[allow(clippy::cast_precision_loss, reason = "counts far below 2^52")]
+pub fn risk_coverage(answers: &[(f64, bool)], asked: usize) -> Vec<Selective> {
+    let mut sorted = answers.to_vec();
+    sorted.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let mut curve = Vec::new();
+    let mut wrong = 0;
+    for (index, (stated, is_wrong)) in sorted.iter().enumerate() {
+        wrong += usize::from(*is_wrong);
+        let count = index + 1;
+        if sorted.get(count).is_none_or(|next| next.0 > *stated) && asked > 0 {
+            let coverage = count as f64 / asked as f64;
+            curve.push(Selective { coverage, risk: wrong as f64 / count as f64 });
+        }
+    }
+    curve
+}
+
+/// The mean of risk over coverage, up to where the curve ends (Geifman, Uziel & El-Yaniv, Bias-reduced uncertainty
+/// estimation, ICLR 2019: AURC, there over all coverages); `None` of an empty curve.
+pub fn mean_risk(curve: &[Selective]) -> Option<f64> {
+    let end = curve.last()?.coverage;
+    let before = std::iter::once(0.0).chain(curve.iter().map(|point| point.coverage));
+    let steps = curve.iter().zip(before).map(|(point, b)| (point.coverage - b) * point.risk);
+    Some(steps.sum::<f64>() / end)
+}
+
 /// Precision and recall at every threshold that makes a difference, the highest first: `answers` are the
 /// scores of all answers, `right` those at which one thing more of the `asked` is found, each of them
 /// among `answers`. Empty where nothing is asked for or nothing answered.
@@ -138,6 +176,22 @@ pub fn average_precision(curve: &[OperatingPoint]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn risk_grows_with_coverage_where_what_answers_state_of_themselves_is_true() {
+        let answers =
+            [(0.3, true), (0.1, false), (0.2, false), (f64::INFINITY, true), (0.2, false)];
+        let curve = risk_coverage(&answers, 10);
+        let point = |coverage, risk| Selective { coverage, risk };
+        assert_eq!(curve, [point(0.1, 0.0), point(0.3, 0.0), point(0.4, 0.25), point(0.5, 0.4)]);
+        let mean = mean_risk(&curve).expect("a curve");
+        assert!((mean - (0.1 * 0.25 + 0.1 * 0.4) / 0.5).abs() < 1e-12, "{mean}");
+        // The other way round the first answers are wrong ones.
+        let reversed: Vec<(f64, bool)> = answers.iter().map(|(s, wrong)| (-s, *wrong)).collect();
+        let worse = mean_risk(&risk_coverage(&reversed, 10)).expect("a curve");
+        assert!(worse > 0.5, "{worse}");
+        assert!(risk_coverage(&[], 10).is_empty() && mean_risk(&[]).is_none());
+    }
 
     #[test]
     fn errors_exceed_their_variances_by_more_than_chance_or_not_at_all() {

@@ -27,7 +27,7 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["PROTOCOL", "Corners", "Exposure", "GraspQuestion", "serve"]
+__all__ = ["PROTOCOL", "Corners", "Exposure", "Grasp", "GraspQuestion", "serve"]
 
 PROTOCOL = 1
 """Version of what is said."""
@@ -109,6 +109,24 @@ class Corners:
 
 
 @dataclass
+class Grasp:
+    """A grasp, with more than its point. Directions are in the camera frame."""
+
+    point: Any
+    """The image point that was looked up: x, y [px]."""
+    point_in_camera_m: Any
+    """The grasp point [m]."""
+    approach: Any = None
+    """Out of the face: the gripper comes against it. Only with jaw and opening_m."""
+    jaw: Any = None
+    """Along which the jaws move."""
+    opening_m: float | None = None
+    """How far apart they are when they touch."""
+    covariance_m2: Any = None
+    """3 x 3, of the grasp point."""
+
+
+@dataclass
 class _Pictures:
     """The file in which samples are, mapped once."""
 
@@ -152,7 +170,7 @@ def serve(*, version, detect=None, refine=None, grasp=None, needs=None, librarie
         order, or ``Corners``. Seeds are an array of n x 2, float64.
     grasp
         ``grasp(question, **parameters)`` of a ``GraspQuestion`` returns the image point that was
-        looked up and the grasp point in the camera frame [m], or None.
+        looked up and the grasp point in the camera frame [m]; or a ``Grasp``, or None.
     needs
         What the image is: {"channels": "grey" | "rgb", "encoding": "encoded" | "linear", "type":
         "uint8" | "uint16" | "float32", "intrinsics": False, "object_size": False}.
@@ -330,8 +348,23 @@ def _refined(answer):
 def _grasped(answer):
     if answer is None:
         return {}
-    point, point_in_camera_m = answer
-    return {
-        "point": [float(value) for value in point],
-        "point_in_camera_m": [float(value) for value in point_in_camera_m],
+    if not isinstance(answer, Grasp):
+        point, point_in_camera_m = answer
+        answer = Grasp(point, point_in_camera_m)
+    said = {
+        "point": _numbers(answer.point),
+        "point_in_camera_m": _numbers(answer.point_in_camera_m),
     }
+    for name in ("approach", "jaw"):
+        if getattr(answer, name) is not None:
+            said[name] = _numbers(getattr(answer, name))
+    if answer.opening_m is not None:
+        said["opening_m"] = float(answer.opening_m)
+    if answer.covariance_m2 is not None:
+        covariance = np.asarray(answer.covariance_m2, np.float64)
+        said["covariance_m2"] = covariance[np.triu_indices(3)].tolist()
+    return said
+
+
+def _numbers(values):
+    return [float(value) for value in values]

@@ -358,9 +358,8 @@ impl Program {
         range: &RangeImage,
     ) -> Asked<std::result::Result<Grasp, NoGrasp>> {
         let question = Question::new(Task::Grasp).of_face(face, rig, range);
-        let reply = self.ask(question, None, Answer::grasp)?;
-        let grasp = |(image_point, point)| Grasp::at(image_point, point, rig);
-        let answer = reply.answer.map(grasp).ok_or(NoGrasp::NoRange);
+        let reply = self.ask(question, None, |answer| answer.grasp(rig))?;
+        let answer = reply.answer.ok_or(NoGrasp::NoRange);
         Ok(Reply { answer, protocol_us: reply.protocol_us })
     }
 

@@ -1,6 +1,6 @@
 //! What is said to a program and what it answers: one line of JSON each. `scripts/PROTOCOL.md` is for people.
 
-use nalgebra::{Matrix2, Point3};
+use nalgebra::{Matrix2, Matrix3, Unit, Vector3};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -10,7 +10,7 @@ use toml::Table;
 use super::needs::Needs;
 use crate::detect::Detection;
 use crate::geometry::{Camera, ImagePoint};
-use crate::grasp::Face;
+use crate::grasp::{Approach, Face, Grasp};
 use crate::image::PixelRange;
 use crate::refine::{Corner, RefineStatus};
 use crate::sensor::{Exposure, RangeImage, Rig, Sensor, Transfer};
@@ -224,6 +224,14 @@ pub(super) struct Answer {
     point: Option<[f64; 2]>,
     #[serde(default)]
     point_in_camera_m: Option<[f64; 3]>,
+    #[serde(default)]
+    approach: Option<[f64; 3]>,
+    #[serde(default)]
+    jaw: Option<[f64; 3]>,
+    #[serde(default)]
+    opening_m: Option<f64>,
+    #[serde(default)]
+    covariance_m2: Option<[f64; 6]>,
 }
 
 /// Reads a line.
@@ -306,15 +314,27 @@ impl Answer {
         Ok(corners)
     }
 
-    /// The image point that was looked up and the grasp point in the camera frame; `None` where there is none.
-    pub fn grasp(self) -> Result<Option<(ImagePoint, Point3<f64>)>, String> {
-        self.only("grasp", &["point", "point_in_camera_m"])?;
-        match (self.point, self.point_in_camera_m) {
-            (Some([x, y]), Some(point_m)) => Ok(Some((ImagePoint::new(x, y), point_m.into()))),
-            (None, None) => Ok(None),
-            (Some(_), None) => Err("point_in_camera_m is missing".to_owned()),
-            (None, Some(_)) => Err("point is missing".to_owned()),
-        }
+    /// The grasp; `None` where there is none.
+    pub fn grasp(self, rig: &Rig) -> Result<Option<Grasp>, String> {
+        const KNOWN: [&str; 6] =
+            ["point", "point_in_camera_m", "approach", "jaw", "opening_m", "covariance_m2"];
+        self.only("grasp", &KNOWN)?;
+        let (image_point, point_m) = match (self.point, self.point_in_camera_m) {
+            (Some([x, y]), Some(point_m)) => (ImagePoint::new(x, y), point_m),
+            (None, None) => return self.only("grasp", &[]).map(|()| None),
+            (Some(_), None) => return Err("point_in_camera_m is missing".to_owned()),
+            (None, Some(_)) => return Err("point is missing".to_owned()),
+        };
+        let approach = match (self.approach, self.jaw, self.opening_m) {
+            (None, None, None) => None,
+            (Some(normal), Some(jaw), Some(opening_m)) => Some(approach(normal, jaw, opening_m)?),
+            _ => return Err("approach, jaw and opening_m are said together, or none".to_owned()),
+        };
+        Ok(Some(Grasp {
+            approach,
+            covariance_m2: self.covariance_m2.map(covariance_m2).transpose()?,
+            ..Grasp::at(image_point, point_m.into(), rig)
+        }))
     }
 
     /// Refuses what answers no question of the task.
@@ -327,8 +347,13 @@ impl Answer {
             ("iterations", self.iterations.is_some()),
             ("point", self.point.is_some()),
             ("point_in_camera_m", self.point_in_camera_m.is_some()),
+            ("approach", self.approach.is_some()),
+            ("jaw", self.jaw.is_some()),
+            ("opening_m", self.opening_m.is_some()),
+            ("covariance_m2", self.covariance_m2.is_some()),
         ];
         match given.iter().find(|(name, is_given)| *is_given && !known.contains(name)) {
+            Some((name, _)) if known.is_empty() => Err(format!("{name} without a point")),
             Some((name, _)) => {
                 Err(format!("{name} answers no question of task {task:?}: {}", known.join(", ")))
             }
@@ -370,5 +395,82 @@ fn covariance(place: usize, [xx, xy, yy]: [f64; 3]) -> Result<Matrix2<f64>, Stri
         Ok(matrix)
     } else {
         Err(format!("covariance {place}, [{xx}, {xy}, {yy}], is none: xx yy must be at least xy^2"))
+    }
+}
+
+fn approach(normal: [f64; 3], jaw: [f64; 3], opening_m: f64) -> Result<Approach, String> {
+    const LEAST_SINE: f64 = 0.02;
+    let unit = |name: &str, [x, y, z]: [f64; 3]| {
+        Unit::try_new(Vector3::new(x, y, z), 1e-9)
+            .ok_or_else(|| format!("{name}, [{x}, {y}, {z}], is no direction"))
+    };
+    let (normal, along) = (unit("approach", normal)?, unit("jaw", jaw)?);
+    let across = along.into_inner() - normal.into_inner() * along.dot(&normal);
+    let jaw =
+        Unit::try_new(across, LEAST_SINE).ok_or("jaw is along approach, must be across it")?;
+    if opening_m > 0.0 {
+        Ok(Approach { normal, normal_sigma_rad: None, jaw, opening_m })
+    } else {
+        Err(format!("opening_m is {opening_m}, must be more than 0"))
+    }
+}
+
+fn covariance_m2([xx, xy, xz, yy, yz, zz]: [f64; 6]) -> Result<Matrix3<f64>, String> {
+    let matrix = Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz);
+    match matrix.cholesky() {
+        Some(_) => Ok(matrix),
+        None => Err(format!(
+            "covariance_m2, [{xx}, {xy}, {xz}, {yy}, {yz}, {zz}], is none: xx, xy, xz, yy, yz, zz of a matrix whose \
+             eigenvalues are more than 0"
+        )),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Pose;
+
+    fn grasp(answer: &str) -> Result<Option<Grasp>, String> {
+        let rig = Rig {
+            camera: Camera::pinhole(64, 64, 64.0),
+            world_from_camera: Pose::identity(),
+            object_size_m: None,
+        };
+        read::<Answer>(answer.as_bytes())?.grasp(&rig)
+    }
+
+    #[test]
+    fn a_grasp_is_whole_or_says_what_is_wrong_with_it() {
+        let point = r#""id": 1, "point": [3, 4], "point_in_camera_m": [0.1, 0.2, 1]"#;
+        let with = |more: &str| grasp(&format!("{{{point}{more}}}"));
+        assert_eq!(grasp(r#"{"id": 1}"#), Ok(None));
+        let alone = with("").expect("a point").expect("a grasp");
+        assert!(alone.approach.is_none() && alone.covariance_m2.is_none());
+        let all = with(
+            r#", "approach": [0, 0, -2], "jaw": [3, 0, 1], "opening_m": 0.1, "covariance_m2": [4, 1, 0, 5, 0, 6]"#,
+        );
+        let all = all.expect("a grasp").expect("a grasp");
+        let approach = all.approach.expect("an approach");
+        assert_eq!(approach.normal.into_inner(), -Vector3::z());
+        assert_eq!(approach.jaw.into_inner(), Vector3::x());
+        let covariance = all.covariance_m2.expect("a covariance");
+        assert_eq!(covariance, Matrix3::new(4.0, 1.0, 0.0, 1.0, 5.0, 0.0, 0.0, 0.0, 6.0));
+        for (more, problem) in [
+            (r#", "approach": [0, 0, -1]"#, "said together"),
+            (r#", "approach": [0, 0, 0], "jaw": [1, 0, 0], "opening_m": 1"#, "is no direction"),
+            (r#", "approach": [0, 0, 1], "jaw": [0, 0, -3], "opening_m": 1"#, "across it"),
+            (r#", "approach": [0, 0, 1], "jaw": [1, 0, 0], "opening_m": 0"#, "more than 0"),
+            (
+                r#", "covariance_m2": [1, 2, 0, 1, 0, 1]"#,
+                "covariance_m2, [1, 2, 0, 1, 0, 1], is none",
+            ),
+            (r#", "points": []"#, "points answers no question of task \"grasp\""),
+        ] {
+            let said = with(more).expect_err(more);
+            assert!(said.contains(problem), "{said}");
+        }
+        let said = grasp(r#"{"id": 1, "opening_m": 0.1}"#).expect_err("no point");
+        assert!(said.contains("opening_m without a point"), "{said}");
     }
 }

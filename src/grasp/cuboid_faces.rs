@@ -13,16 +13,22 @@
 //!                                 well, whole and frontally, and tells most of where its centre is;
 //!                 holdable        the largest (1 - gap) (1 + n up): the more from above, the less is in a gripper's way;
 //!                                 of faces across whose shorter side it can close: no longer than most_opening_m, as far
-//!                                 as the cuboid's size is known, and not upright, for then one jaw is in the floor.
+//!                                 as the cuboid's size is known, and not upright, for then one jaw is in the floor; half
+//!                                 of it where range cells lie in the way of jaws or palm, as far as that size is known.
 //! # Input       encoded exposure with intrinsics; the target's mask; refined corners in any order; for holdable the
-//!               camera's attitude in a world whose z is up.
+//!               camera's attitude in a world whose z is up, the cuboid's size and range cells.
 //! # Parameters  rule              least_occluded, graspable or holdable
 //!               max_gap_fraction  none, 0.4   range [0.001, 1]: hidden share of the face; what hides it is in the way
 //!               most_opening_m    m, 0.16     range [0.001, 10]: of the gripper; for holdable
+//!               jaw_m             m, 0.015    range [0, 1]: a jaw's thickness and the room beside it; for holdable
+//!               depth_m           m, 0.03     range [0, 1]: how far jaws reach beyond the face; for holdable
+//!               least_margin      none, 0     range [0, 1]: declined where the next cuboid lacks a smaller share of the
+//!                                             chosen one's evidence; 0 never declines
 //!               gate_px           px, 3       range [0.1, 20]: corners so near to a vertex are it
 //!               max_corners       none, 60    range [4, 1000]: the strongest near the target
 //! # Output      the face, its corners clockwise as seen, and all of the cuboid's vertices: seen ones, and completed ones
-//!               where fewer than four are. too_few_corners below four near the target, no_cuboid, all_occluded.
+//!               where fewer than four are. too_few_corners below four near the target, no_cuboid, ambiguous_cuboid, all_occluded.
+//!               How many different cuboids fitted, and by what share the chosen one is ahead.
 //! # Border      as of cuboid_fit.
 //! # Cost        that of cuboid_fit.
 //! # Departures  The paper asks for small or no gaps and gives no formula. A vertex is never completed by the parallelogram
@@ -31,7 +37,9 @@
 //! # Checked by  tests/it/estimators.rs
 //! ```
 
-use nalgebra::{Matrix2, Vector3};
+use nalgebra::{
+    Isometry3, Matrix2, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3,
+};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -40,11 +48,13 @@ use crate::detect::Detection;
 use crate::geometry::{Camera, ImagePoint, signed_area_px2};
 use crate::grasp::evidence::Target;
 use crate::grasp::pose::{LEAST_VERTICES, SeenVertex};
-use crate::grasp::{Face, FaceSelector, NoFace, SeenCuboid, covariance_or_default_px2};
+use crate::grasp::{
+    Face, FaceSelector, NoFace, Recognition, SeenCuboid, covariance_or_default_px2,
+};
 use crate::refine::Corner;
 use crate::refine::cuboid_fit::{Adjusted, CuboidFit};
 use crate::registry::{Entry, defaults, parameters, schema};
-use crate::sensor::{Exposure, Rig};
+use crate::sensor::{Exposure, RangeImage, Rig};
 use crate::target::TargetRegion;
 
 /// The registry's line.
@@ -83,6 +93,15 @@ pub struct CuboidFaces {
     /// How far the gripper opens, for the rule holdable \[m\].
     #[schemars(range(min = 0.001, max = 10.0))]
     pub most_opening_m: f64,
+    /// A jaw's thickness and the room beside it, for the rule holdable \[m\].
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub jaw_m: f64,
+    /// How far jaws reach beyond the face, for the rule holdable \[m\].
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub depth_m: f64,
+    /// By what share of its evidence the cuboid must be ahead of the next one.
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub least_margin: f64,
     /// Corners so near to a vertex are it \[px\].
     #[schemars(range(min = 0.1, max = 20.0))]
     pub gate_px: f64,
@@ -97,6 +116,9 @@ impl Default for CuboidFaces {
             rule: Rule::LeastOccluded,
             max_gap_fraction: 0.4,
             most_opening_m: 0.16,
+            jaw_m: 0.015,
+            depth_m: 0.03,
+            least_margin: 0.0,
             gate_px: 3.0,
             max_corners: 60,
         }
@@ -109,6 +131,16 @@ const EDGE_STEP_FRACTION: f64 = 0.04;
 const MOST_UPRIGHT: f64 = 0.5;
 /// Gaps are as good as equal that differ by less.
 const SAME_GAP: f64 = 0.02;
+/// Two cuboids are the same whose vertices are seen no farther apart \[px\].
+const SAME_PX: f64 = 3.0;
+/// What of a gripper's way is looked at: half its width across the jaws, where its palm begins above the face, and how far
+/// it is as it comes; nearer than this to the target's own faces cells are the target's \[m\].
+const HALF_WIDTH_M: f64 = 0.02;
+const PALM_M: f64 = 0.02;
+const WAY_M: f64 = 0.12;
+const OWN_M: f64 = 0.005;
+/// What a face is worth that something is in the way of, of what it would be worth.
+const IN_THE_WAY: f64 = 0.5;
 
 /// A face that looks at the camera.
 struct Candidate {
@@ -124,6 +156,16 @@ struct Candidate {
     shorter_side_upright: f64,
     /// The length of that side, where the cuboid's size is known.
     shorter_side_m: Option<f64>,
+    /// From the face's middle along the jaws, across them and outwards, at depth 1 of the first vertex; and half the
+    /// extents of the face along the first two.
+    frame: Isometry3<f64>,
+    half: [f64; 2],
+}
+
+/// Range cells in the camera frame, in units of the cuboid, which are so long \[m\].
+struct Cells {
+    points: Vec<Point3<f64>>,
+    scale_m: f64,
 }
 
 impl FaceSelector for CuboidFaces {
@@ -133,6 +175,7 @@ impl FaceSelector for CuboidFaces {
         region: &TargetRegion,
         corners: &[Corner],
         rig: &Rig,
+        range: &RangeImage,
     ) -> Result<Face, NoFace> {
         let target = Target::new(exposure, region, EDGE_STEP_FRACTION);
         let near: Vec<&Corner> =
@@ -144,17 +187,23 @@ impl FaceSelector for CuboidFaces {
         let seeds: Vec<Detection> =
             near.iter().map(|corner| Detection { point: corner.position, ..corner.seed }).collect();
         let fit = CuboidFit { seeds: self.max_corners, ..CuboidFit::default() };
-        let fitted = fit.cuboid(exposure, &seeds).ok_or(NoFace::NoCuboid)?;
-        let all = vertices(&fitted, camera, &near, self.gate_px);
+        let found = fit.cuboids(exposure, &seeds);
+        let fitted = found.first().ok_or(NoFace::NoCuboid)?;
+        let recognition = recognition(&found, camera);
+        if recognition.margin < self.least_margin {
+            return Err(NoFace::AmbiguousCuboid);
+        }
+        let all = vertices(fitted, camera, &near, self.gate_px);
         let mut faces: Vec<Candidate> = candidates(&fitted.cuboid, &all, &target, rig).collect();
         faces.retain(|face| face.gap_fraction <= self.max_gap_fraction);
-        let best = self.best(&faces).ok_or(NoFace::AllOccluded)?;
-        Ok(face(best, &all, &fitted.cuboid))
+        let cells = rig.object_size_m.map(|size_m| Cells::of(&fitted.cuboid, size_m, rig, range));
+        let best = self.best(&faces, cells.as_ref()).ok_or(NoFace::AllOccluded)?;
+        Ok(Face { recognition: Some(recognition), ..face(best, &all, &fitted.cuboid) })
     }
 }
 
 impl CuboidFaces {
-    fn best<'a>(&self, faces: &'a [Candidate]) -> Option<&'a Candidate> {
+    fn best<'a>(&self, faces: &'a [Candidate], cells: Option<&Cells>) -> Option<&'a Candidate> {
         let least_gap = faces.iter().map(|face| face.gap_fraction).fold(1.0, f64::min);
         let is_among = |face: &&Candidate| match self.rule {
             Rule::LeastOccluded => face.gap_fraction <= least_gap + SAME_GAP,
@@ -167,10 +216,67 @@ impl CuboidFaces {
         let worth = |face: &Candidate| match self.rule {
             Rule::LeastOccluded => face.area_px2,
             Rule::Graspable => (1.0 - face.gap_fraction) * face.area_px2 * face.cosine,
-            Rule::Holdable => (1.0 - face.gap_fraction) * (1.0 + face.upwards),
+            Rule::Holdable => {
+                let is_clear = cells.is_none_or(|cells| self.is_clear(face, cells));
+                let share = if is_clear { 1.0 } else { IN_THE_WAY };
+                share * (1.0 - face.gap_fraction) * (1.0 + face.upwards)
+            }
         };
         faces.iter().filter(is_among).max_by(|a, b| worth(a).total_cmp(&worth(b)))
     }
+}
+
+impl CuboidFaces {
+    /// Whether no cell is where the jaws come down beside a face, or the palm above it.
+    fn is_clear(&self, face: &Candidate, cells: &Cells) -> bool {
+        let [along_m, across_m] = face.half.map(|half| half * cells.scale_m);
+        let is_in_the_way = |point: &Point3<f64>| {
+            let place = face.frame.inverse_transform_point(point) * cells.scale_m;
+            let beside_m = place.x.abs() - along_m;
+            let is_own = beside_m < OWN_M && place.y.abs() < across_m + OWN_M && place.z < OWN_M;
+            let is_within = place.y.abs() < HALF_WIDTH_M && place.z < WAY_M;
+            let is_at_jaw =
+                beside_m > 0.0 && beside_m < OWN_M + self.jaw_m && place.z > -self.depth_m;
+            let is_at_palm = beside_m < self.jaw_m && place.z > PALM_M;
+            !is_own && is_within && (is_at_jaw || is_at_palm)
+        };
+        !cells.points.iter().any(is_in_the_way)
+    }
+}
+
+impl Cells {
+    fn of(cuboid: &Cuboid, size_m: [f64; 3], rig: &Rig, range: &RangeImage) -> Self {
+        let scale_m = scale_m(cuboid, size_m);
+        let camera_from_range = rig.world_from_camera.inverse() * range.world_from_range;
+        let cells = range.points.samples().iter().flatten();
+        Self { points: cells.map(|point| camera_from_range * point / scale_m).collect(), scale_m }
+    }
+}
+
+/// How certain it is that the first cuboid is what is seen.
+fn recognition(found: &[Adjusted], camera: &Camera) -> Recognition {
+    let shown = |adjusted: &Adjusted| -> Vec<ImagePoint> {
+        let shown = (0..8).filter(|vertex| adjusted.cuboid.shows_vertex(*vertex));
+        shown.filter_map(|vertex| adjusted.cuboid.vertex(vertex, camera)).collect()
+    };
+    let has = |all: &[ImagePoint], point: &ImagePoint| {
+        all.iter().any(|other| other.distance_px(*point) < SAME_PX)
+    };
+    let mut different: Vec<(Vec<ImagePoint>, f64)> = Vec::new();
+    for adjusted in found {
+        let own = shown(adjusted);
+        let is_known = different.iter().any(|(other, _)| {
+            own.iter().all(|point| has(other, point)) && other.iter().all(|point| has(&own, point))
+        });
+        if !is_known {
+            different.push((own, adjusted.evidence));
+        }
+    }
+    let margin = match &different[..] {
+        [(_, best), (_, next), ..] if *best > 0.0 => (1.0 - next / best).clamp(0.0, 1.0),
+        _ => 1.0,
+    };
+    Recognition { hypotheses: different.len(), margin }
 }
 
 /// A vertex where it is seen, or where it must be.
@@ -252,7 +358,14 @@ fn candidates<'a>(
         let gap_fraction = target.gap_fraction(&corners)?;
         let outwards = if is_end { cuboid.axes[axis] } else { -cuboid.axes[axis] };
         let [one, other] = [(axis + 1) % 3, (axis + 2) % 3];
-        let shorter = if cuboid.lengths[one] <= cuboid.lengths[other] { one } else { other };
+        let (shorter, longer) =
+            if cuboid.lengths[one] <= cuboid.lengths[other] { (one, other) } else { (other, one) };
+        let jaw = cuboid.axes[shorter];
+        let turn = Matrix3::from_columns(&[jaw, outwards.cross(&jaw), outwards]);
+        let frame = Isometry3::from_parts(
+            Translation3::from(middle / 4.0),
+            UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(turn)),
+        );
         Some(Candidate {
             vertices,
             corners,
@@ -262,6 +375,8 @@ fn candidates<'a>(
             upwards: outwards.dot(&up),
             shorter_side_upright: cuboid.axes[shorter].dot(&up).abs(),
             shorter_side_m: scale_m.map(|scale_m| cuboid.lengths[shorter] * scale_m),
+            frame,
+            half: [shorter, longer].map(|side| 0.5 * cuboid.lengths[side]),
         })
     })
 }
@@ -307,13 +422,12 @@ fn face(best: &Candidate, all: &[Option<Vertex>; 8], cuboid: &Cuboid) -> Face {
             vertices: std::array::from_fn(seen),
             face: best.vertices.map(number),
         }),
+        recognition: None,
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use nalgebra::Matrix3;
-
     use super::*;
     use crate::geometry::Pose;
     use crate::image::{PixelRange, Plane};
@@ -330,6 +444,8 @@ mod tests {
             upwards: 0.0,
             shorter_side_upright: 0.0,
             shorter_side_m: Some(0.1),
+            frame: Isometry3::identity(),
+            half: [0.05, 0.08],
         }
     }
 
@@ -338,7 +454,7 @@ mod tests {
         let top = || Candidate { upwards: 1.0, ..candidate(0.3, 100.0, 0.3) };
         let front = || candidate(0.0, 400.0, 0.9);
         let selector = CuboidFaces { rule: Rule::Holdable, ..CuboidFaces::default() };
-        let gap = |faces: &[Candidate]| selector.best(faces).map(|face| face.gap_fraction);
+        let gap = |faces: &[Candidate]| selector.best(faces, None).map(|face| face.gap_fraction);
         assert_eq!(gap(&[front(), top()]), Some(0.3));
         let wide = Candidate { shorter_side_m: Some(0.17), ..top() };
         assert_eq!(gap(&[front(), wide]), Some(0.0));
@@ -346,6 +462,65 @@ mod tests {
         assert_eq!(gap(&[low]), None);
         let of_unknown_size = Candidate { shorter_side_m: None, ..top() };
         assert_eq!(gap(&[front(), of_unknown_size]), Some(0.3));
+    }
+
+    #[test]
+    fn cells_are_in_the_way_of_jaws_and_palm_but_not_where_the_target_is() {
+        // A face of 10 x 16 cm at depth 0.8 m that looks at the camera, in units of 2 m; jaws along y.
+        let turn = Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[
+            Vector3::y(),
+            Vector3::x(),
+            -Vector3::z(),
+        ]));
+        let frame = Isometry3::from_parts(
+            Translation3::new(0.1, 0.2, 0.4),
+            UnitQuaternion::from_rotation_matrix(&turn),
+        );
+        let face = Candidate { frame, half: [0.025, 0.04], ..candidate(0.0, 100.0, 1.0) };
+        let selector = CuboidFaces { rule: Rule::Holdable, ..CuboidFaces::default() };
+        let is_clear = |along_m: f64, across_m: f64, outwards_m: f64| {
+            let points = vec![frame * (Point3::new(along_m, across_m, outwards_m) / 2.0)];
+            selector.is_clear(&face, &Cells { points, scale_m: 2.0 })
+        };
+        for side in [-1.0, 1.0] {
+            assert!(!is_clear(side * 0.06, 0.0, 0.0), "beside it, where a jaw comes down");
+            assert!(!is_clear(side * 0.06, 0.01, -0.025), "as deep as it reaches");
+            assert!(is_clear(side * 0.06, 0.0, -0.04), "deeper");
+            assert!(is_clear(side * 0.08, 0.0, 0.0), "farther");
+            assert!(is_clear(side * 0.06, side * 0.05, 0.0), "not where it comes down");
+            assert!(is_clear(side * 0.02, side * 0.01, 0.0), "on the face");
+            assert!(is_clear(side * 0.051, 0.0, -0.02), "on its side");
+            assert!(!is_clear(side * 0.02, side * 0.01, 0.05), "above the face");
+            assert!(is_clear(side * 0.02, side * 0.01, 0.15), "above the hand");
+        }
+        let points = vec![frame * Point3::new(0.03, 0.0, 0.0)];
+        let cells = Cells { points, scale_m: 2.0 };
+        let elsewhere = Isometry3::translation(5.0, 0.0, 0.0);
+        let far = || Candidate { frame: elsewhere, ..candidate(0.2, 100.0, 1.0) };
+        // Half of what a top is worth is more than a side with a gap of a fifth, a whole one is more than half.
+        let chosen = |upwards: f64| {
+            let Candidate { frame, half, .. } = face;
+            let blocked = Candidate { frame, half, upwards, ..candidate(0.0, 100.0, 1.0) };
+            let faces = [blocked, far()];
+            selector.best(&faces, Some(&cells)).map(|face| face.gap_fraction)
+        };
+        assert_eq!(chosen(1.0), Some(0.0));
+        assert_eq!(chosen(0.5), Some(0.2));
+    }
+
+    #[test]
+    fn cuboids_that_look_alike_are_one_and_others_leave_a_margin() {
+        let camera = Camera::pinhole(64, 64, 64.0);
+        let of = |lengths: [f64; 3], evidence: f64| {
+            let first = Vector3::new(-0.1, -0.1, 1.0);
+            let axes = [Vector3::x(), Vector3::y(), Vector3::z()];
+            Adjusted::certain(Cuboid { axes, first, lengths, is_known: [true; 3] }, evidence)
+        };
+        let one = |evidence| of([0.2, 0.3, 0.4], evidence);
+        let alone = recognition(&[one(80.0), of([0.21, 0.3, 0.4], 79.0)], &camera);
+        assert_eq!(alone, Recognition { hypotheses: 1, margin: 1.0 });
+        let several = recognition(&[one(80.0), one(79.0), of([0.3, 0.3, 0.4], 60.0)], &camera);
+        assert_eq!(several, Recognition { hypotheses: 2, margin: 0.25 });
     }
 
     #[test]
@@ -371,13 +546,13 @@ mod tests {
                 candidate(gap_fraction, area_px2, cosine)
             });
             let selector = CuboidFaces { rule, ..CuboidFaces::default() };
-            selector.best(&faces).expect("a face").gap_fraction
+            selector.best(&faces, None).expect("a face").gap_fraction
         };
         for order in [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]] {
             assert!((gap(Rule::LeastOccluded, order) - 0.015).abs() < 1e-12, "{order:?}");
             assert!((gap(Rule::Graspable, order) - 0.03).abs() < 1e-12, "{order:?}");
         }
-        assert!(CuboidFaces::default().best(&[]).is_none());
+        assert!(CuboidFaces::default().best(&[], None).is_none());
     }
 
     fn cuboid(axes: [Vector3<f64>; 3]) -> Cuboid {

@@ -124,7 +124,7 @@ pub(super) fn approach(
     let within = shorter - normal.into_inner() * shorter.dot(&normal);
     Approach {
         normal,
-        normal_sigma_rad,
+        normal_sigma_rad: Some(normal_sigma_rad),
         jaw: Unit::new_normalize(within),
         opening_m: within.norm(),
     }

@@ -69,7 +69,7 @@ use crate::grasp::evidence::{Line, SEARCH_PX, Side, Target, sides_of};
 use crate::grasp::{Face, FaceSelector, NoFace};
 use crate::refine::Corner;
 use crate::registry::{Entry, defaults, parameters, schema};
-use crate::sensor::{Exposure, Rig};
+use crate::sensor::{Exposure, RangeImage, Rig};
 use crate::target::TargetRegion;
 
 /// The registry's line.
@@ -217,6 +217,7 @@ impl FaceSelector for LeastOccluded {
         region: &TargetRegion,
         corners: &[Corner],
         _rig: &Rig,
+        _range: &RangeImage,
     ) -> std::result::Result<Face, NoFace> {
         let target = Target::new(exposure, region, self.edge_step_fraction);
         let points = self.strongest(&target, corners);
@@ -330,8 +331,9 @@ mod tests {
         let (exposure, region) = rectangle(200.0);
         let found =
             corners(&[[43.0, 51.0], [12.0, 51.5], [30.0, 30.0], [43.5, 16.0], [13.0, 15.5]]);
-        let face =
-            LeastOccluded::default().select(&exposure, &region, &found, &rig()).expect("whole");
+        let face = LeastOccluded::default()
+            .select(&exposure, &region, &found, &rig(), &RangeImage::blind())
+            .expect("whole");
         let expected = [[13.0, 15.5], [43.5, 16.0], [43.0, 51.0], [12.0, 51.5]];
         assert_eq!(face.corners, expected.map(ImagePoint::from));
         assert!(face.gap_fraction.abs() < 1e-12);
@@ -349,7 +351,7 @@ mod tests {
         let found = corners(&[[12.0, 16.0], [43.0, 16.0], [43.0, 51.0], [12.0, 51.0]]);
         let select = |max_gap_fraction| {
             let selector = LeastOccluded { max_gap_fraction, ..LeastOccluded::default() };
-            selector.select(&exposure, &region, &found, &rig())
+            selector.select(&exposure, &region, &found, &rig(), &RangeImage::blind())
         };
         // Pixels at least 1.5 px inside 31 x 35 px: 28 x 32.
         let face = select(0.2).expect("a gap of 11 %");
@@ -362,9 +364,15 @@ mod tests {
         let (exposure, region) = rectangle(200.0);
         let three = corners(&[[12.0, 16.0], [43.0, 16.0], [43.0, 51.0]]);
         let selector = LeastOccluded::default();
-        assert_eq!(selector.select(&exposure, &region, &three, &rig()), Err(NoFace::TooFewCorners));
+        assert_eq!(
+            selector.select(&exposure, &region, &three, &rig(), &RangeImage::blind()),
+            Err(NoFace::TooFewCorners)
+        );
         let other = corners(&[[12.0, 16.0], [43.0, 16.0], [43.0, 51.0], [28.0, 40.0]]);
-        assert_eq!(selector.select(&exposure, &region, &other, &rig()), Err(NoFace::AllOccluded));
+        assert_eq!(
+            selector.select(&exposure, &region, &other, &rig(), &RangeImage::blind()),
+            Err(NoFace::AllOccluded)
+        );
     }
 
     #[test]

@@ -33,6 +33,17 @@ pub struct Face {
     pub gap_fraction: f64,
     /// What else is seen of the cuboid, where that was recognised.
     pub cuboid: Option<SeenCuboid>,
+    /// How certain that is, where several cuboids were thought of.
+    pub recognition: Option<Recognition>,
+}
+
+/// How certain it is what was recognised.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Recognition {
+    /// Cuboids that were fitted to what is seen and are not the same.
+    pub hypotheses: usize,
+    /// By what share the chosen one has more evidence than the next, in \[0, 1\]; 1 where there is no other.
+    pub margin: f64,
 }
 
 /// What is seen of the cuboid that a face belongs to.
@@ -62,7 +73,7 @@ impl Face {
             its.filter_map(|corner| corner.covariance_px2).next()
         };
         let covariances_px2 = corners.each_ref().map(of);
-        Self { corners, covariances_px2, gap_fraction, cuboid: None }
+        Self { corners, covariances_px2, gap_fraction, cuboid: None, recognition: None }
     }
 
     /// The covariance of a corner, [`CORNER_SIGMA_PX`] where nothing is known \[px^2\].
@@ -96,6 +107,8 @@ pub enum NoFace {
     AllOccluded,
     /// Corners and edges are no cuboid's, or the camera is not known.
     NoCuboid,
+    /// Two cuboids explain what is seen about as well.
+    AmbiguousCuboid,
 }
 
 impl NoFace {
@@ -105,6 +118,7 @@ impl NoFace {
             Self::TooFewCorners => "too_few_corners",
             Self::AllOccluded => "all_occluded",
             Self::NoCuboid => "no_cuboid",
+            Self::AmbiguousCuboid => "ambiguous_cuboid",
         }
     }
 }
@@ -121,6 +135,7 @@ pub trait FaceSelector: Send + Sync {
         region: &TargetRegion,
         corners: &[Corner],
         rig: &Rig,
+        range: &RangeImage,
     ) -> Result<Face, NoFace>;
 }
 
@@ -146,8 +161,8 @@ pub struct Grasp {
 pub struct Approach {
     /// Out of the face: the gripper comes against it.
     pub normal: Unit<Vector3<f64>>,
-    /// How far that may be off, one standard deviation \[rad\].
-    pub normal_sigma_rad: f64,
+    /// How far that may be off, one standard deviation, where that is known \[rad\].
+    pub normal_sigma_rad: Option<f64>,
     /// In the face, across its shorter side: the jaws move along it. As good as its opposite.
     pub jaw: Unit<Vector3<f64>>,
     /// How far they are apart when they touch: the face's extent along it \[m\].
@@ -181,6 +196,8 @@ pub enum NoGrasp {
     NoPose,
     /// Two poses explain the corners about as well.
     Ambiguous,
+    /// Corners and range tell different poses.
+    Contradictory,
 }
 
 impl NoGrasp {
@@ -192,6 +209,7 @@ impl NoGrasp {
             Self::NoSize => "no_size",
             Self::NoPose => "no_pose",
             Self::Ambiguous => "ambiguous",
+            Self::Contradictory => "contradictory",
         }
     }
 }

@@ -55,6 +55,16 @@ impl CuboidPose {
         self.point(shares(vertex))
     }
 
+    /// Root mean square of the distances of its vertices from where they are seen \[px\]; `None` where one is behind the
+    /// camera.
+    pub fn rmse_px_of(&self, seen: &[SeenVertex], camera: &Camera) -> Option<f64> {
+        let square = |one: &SeenVertex| {
+            Some(camera.project(&self.vertex(one.vertex))?.distance_px(one.point).powi(2))
+        };
+        let sum = seen.iter().map(square).sum::<Option<f64>>()?;
+        Some((sum / seen.len().max(1) as f64).sqrt())
+    }
+
     /// The same after a small turn and shift.
     #[must_use]
     pub fn changed(&self, change: &Vector6<f64>) -> Self {

@@ -7,9 +7,10 @@
 //! # Input       a face, and what else is seen of its cuboid; the colour camera; the target's three lengths; a range
 //!               image, its sensor's pose and noise.
 //! # Parameters  erosion_px      px, 3     as of face_plane
-//!               most_rmse_px    px, 3     as of cuboid_pose
+//!               most_rmse_px    px, 3     as of cuboid_pose, before range has its say and after
 //!               least_gap       none, 6   as of cuboid_pose, range included
-//! # Output      as of cuboid_pose. Where range says nothing of the face: that of cuboid_pose.
+//! # Output      as of cuboid_pose. Where range says nothing of the face: that of cuboid_pose. contradictory where no pose
+//!               explains both: with the plane's say the corners are farther off than most_rmse_px.
 //! # Border      none.
 //! # Cost        that of both, and five rounds of least squares for each pose.
 //! # Departures  none: information adds.
@@ -34,7 +35,7 @@ pub const ENTRY: Entry<dyn GraspEstimator> = Entry {
     name: "pose_and_plane",
     summary: "PnP of the cuboid of known size and the plane of the range cells inside the face, fused",
     reference: "Bar-Shalom, Li & Kirubarajan 2001, chapter 3",
-    version: 1,
+    version: 2,
     defaults: defaults::<PoseAndPlane>,
     schema: schema::<PoseAndPlane>,
     build: |place, table| Ok(Box::new(parameters::<PoseAndPlane>(place, table)?)),
@@ -66,9 +67,16 @@ const ROUNDS: usize = 5;
 impl GraspEstimator for PoseAndPlane {
     fn estimate(&self, face: &Face, rig: &Rig, range: &RangeImage) -> Result<Grasp, NoGrasp> {
         let mut poses = candidates(face, rig, self.most_rmse_px)?;
-        let (_, vertices) = face.seen();
+        let (seen, vertices) = face.seen();
         if let Ok(plane) = RangePlane::inside(&face.corners, rig, range, self.erosion_px) {
             poses = poses.iter().filter_map(|pose| fused(pose, vertices, &plane)).collect();
+            poses.retain(|pose| {
+                let rmse_px = pose.rmse_px_of(&seen, &rig.camera);
+                rmse_px.is_some_and(|rmse_px| rmse_px <= self.most_rmse_px)
+            });
+            if poses.is_empty() {
+                return Err(NoGrasp::Contradictory);
+            }
             poses.sort_by(|a, b| a.chi_square.total_cmp(&b.chi_square));
         }
         let best = *poses.first().ok_or(NoGrasp::NoPose)?;

@@ -88,6 +88,8 @@ pub struct Attempt {
     pub corner_rmse_px: Option<f64>,
     /// Distance of the grasp point from the true centre of the chosen face \[mm\].
     pub grasp_error_mm: Option<f64>,
+    /// What the method says of that error \[mm\].
+    pub grasp_sigma_mm: Option<f64>,
     /// Between the approach and the true face's normal \[deg\].
     pub approach_error_deg: Option<f64>,
     /// Whether the chosen face is the least occluded one.
@@ -113,6 +115,7 @@ impl Attempt {
             seed_disc_px: record.seed_disc_px,
             grasp_estimator: record.grasp_estimator.clone(),
             grasp_error_mm: record.grasp_error_mm,
+            grasp_sigma_mm: record.grasp_sigma_mm,
             approach_error_deg: record.approach_error_deg,
             face_is_right: record.face_is_right,
             ..Self::default()

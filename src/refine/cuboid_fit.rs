@@ -94,8 +94,8 @@ impl Refiner for CuboidFit {
     fn refine(&self, exposure: &Exposure, seeds: &[Detection]) -> Vec<Corner> {
         let light = Light::new(exposure);
         let fitted = exposure.camera().and_then(|camera| {
-            let adjusted = self.fitted(&light, camera, seeds)?;
-            Some((camera, adjusted))
+            let best = self.fitted(&light, camera, seeds).into_iter().next()?;
+            Some((camera, best))
         });
         let refined = |seed: &Detection| {
             if !light.is_inside(seed.point) {
@@ -116,24 +116,30 @@ const SAME_PX: f64 = 2.5;
 const LEAST_RAYS: usize = 7;
 
 impl CuboidFit {
-    /// The cuboid whose edges most is found of where it should be, its vertices among the seeds; None where none is, or
-    /// nothing knows the camera.
-    pub(crate) fn cuboid(&self, exposure: &Exposure, seeds: &[Detection]) -> Option<Adjusted> {
-        self.fitted(&Light::new(exposure), exposure.camera()?, seeds)
+    /// The cuboids whose vertices are among the seeds and whose edges are found where they should be, that of most
+    /// evidence first; none where nothing knows the camera.
+    pub(crate) fn cuboids(&self, exposure: &Exposure, seeds: &[Detection]) -> Vec<Adjusted> {
+        let light = Light::new(exposure);
+        exposure.camera().map_or_else(Vec::new, |camera| self.fitted(&light, camera, seeds))
     }
 
-    fn fitted(&self, light: &Light, camera: &Camera, seeds: &[Detection]) -> Option<Adjusted> {
+    fn fitted(&self, light: &Light, camera: &Camera, seeds: &[Detection]) -> Vec<Adjusted> {
         let junctions = self.junctions(light, seeds);
         let mut fitter = SegmentFitter::default();
-        let mut best = |hypotheses: Vec<Cuboid>| {
+        let mut adjusted = |hypotheses: Vec<Cuboid>| {
             let adjusted = hypotheses.into_iter().filter_map(|cuboid| {
                 let iterations = self.max_iterations;
                 adjust(light, camera, cuboid, iterations, self.epsilon_px, &mut fitter)
             });
-            adjusted.max_by(|a, b| a.evidence.total_cmp(&b.evidence))
+            let mut adjusted: Vec<Adjusted> = adjusted.collect();
+            adjusted.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+            adjusted
         };
-        best(hypothesis::of_three_rays(&junctions, camera, LEAST_RAYS))
-            .or_else(|| best(hypothesis::of_two_junctions(&junctions, camera, LEAST_RAYS)))
+        let found = adjusted(hypothesis::of_three_rays(&junctions, camera, LEAST_RAYS));
+        match found.is_empty() {
+            true => adjusted(hypothesis::of_two_junctions(&junctions, camera, LEAST_RAYS)),
+            false => found,
+        }
     }
 
     /// Junctions at the strongest seeds, none twice.

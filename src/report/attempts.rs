@@ -17,7 +17,7 @@ use crate::report::html;
 use crate::report::refinement::{Estimate, estimate};
 use crate::report::splice;
 use crate::report::words::{Words, between, percent, two_digits};
-use crate::stats;
+use crate::stats::{self, Selective};
 
 /// What became of the grasps of a run.
 #[derive(Clone, Debug, Serialize)]
@@ -63,6 +63,11 @@ pub struct MethodAttempts {
     pub outcomes: BTreeMap<String, usize>,
     /// Root mean square error of the corners that were answered \[px\].
     pub corner_rmse_px: Option<f64>,
+    /// Share of the grasps carried out or planned that fail, over the share of those asked for, the ones first of whose
+    /// point the method says that it is known best.
+    pub risk_coverage: Vec<Selective>,
+    /// Its mean up to where it ends: 0 where what fails is last.
+    pub mean_risk: Option<f64>,
     /// Median distance of the grasp point from the true centre of the chosen face \[mm\].
     pub median_error_mm: Option<f64>,
     /// Median angle between approach and the true face's normal \[deg\].
@@ -113,6 +118,15 @@ fn of_method(own: &[&Attempt]) -> MethodAttempts {
     let median = |value: &dyn Fn(&Attempt) -> Option<f64>| {
         stats::median(&own.iter().filter_map(|attempt| value(attempt)).collect::<Vec<_>>())
     };
+    let answers: Vec<(f64, bool)> = own
+        .iter()
+        .filter(|attempt| attempt.outcome != outcome::NO_GRASP)
+        .map(|attempt| {
+            let stated_mm = attempt.grasp_sigma_mm.unwrap_or(f64::INFINITY);
+            (stated_mm, attempt.outcome != outcome::SUCCESS)
+        })
+        .collect();
+    let risk_coverage = stats::risk_coverage(&answers, own.len());
     let squares: Vec<f64> = own.iter().filter_map(|a| a.corner_rmse_px).map(|e| e * e).collect();
     MethodAttempts {
         method: first.method.clone(),
@@ -127,6 +141,8 @@ fn of_method(own: &[&Attempt]) -> MethodAttempts {
             own.iter().copied().filter(|attempt| attempt.scene_is_reachable == Some(true)),
         ),
         outcomes,
+        mean_risk: stats::mean_risk(&risk_coverage),
+        risk_coverage,
         corner_rmse_px: (!squares.is_empty())
             .then(|| (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()),
         median_error_mm: median(&|attempt| attempt.grasp_error_mm),
@@ -239,9 +255,13 @@ pub fn write(folder: &Path, summary: &AttemptSummary, attempts: &[Attempt]) -> R
             fs::write(path, text).map_err(Error::io(path, "write"))
         })
     };
-    let picture = picture::draw(summary)?;
+    let picture = picture::success(summary)?;
     if let Some(picture) = &picture {
         text("success.svg", picture)?;
+    }
+    let risk = picture::risk(summary)?;
+    if let Some(picture) = &risk {
+        text("risk.svg", picture)?;
     }
     let content = json!({
         "finding": finding(summary),
@@ -249,6 +269,7 @@ pub fn write(folder: &Path, summary: &AttemptSummary, attempts: &[Attempt]) -> R
         "table_words": table(summary),
         "words": TABLE,
         "has_picture": picture.is_some(),
+        "has_risk": risk.is_some(),
     });
     text("index.html", &html::page(html::ATTEMPTS, &content)?)?;
     Ok(folder.join("index.html"))
@@ -291,6 +312,8 @@ mod tests {
         assert_eq!(m.success.map(|share| share.value), Some(1.0 / 3.0));
         assert_eq!(m.success_of_reachable.map(|share| share.value), Some(0.5));
         assert_eq!(m.outcomes[outcome::WALL], 1);
+        // Of two answers, which state nothing of themselves, one is wrong; nothing is answered of scene b.
+        assert_eq!(m.risk_coverage, [Selective { coverage: 2.0 / 3.0, risk: 0.5 }]);
         let rmse_px = m.corner_rmse_px.expect("corners");
         assert!((rmse_px - (41.0_f64 / 3.0).sqrt()).abs() < 1e-12, "{rmse_px}");
     }

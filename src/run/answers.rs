@@ -140,7 +140,7 @@ pub(super) fn grasp(
             return Some(Reply::own(GraspAnswer::NoCorner));
         }
         (Some(face), Some(Ok(region))) => {
-            face.algorithm.select(faces.exposure, region, corners, rig)
+            face.algorithm.select(faces.exposure, region, corners, rig, range)
         }
     };
     Some(match chosen {

@@ -46,6 +46,7 @@ pub(super) fn face(
         covariances_px2: seen.map(|vertex| Some(vertex.covariance_px2)),
         gap_fraction: 1.0 - best.visible_fraction,
         cuboid: Some(SeenCuboid { vertices, face: seen.map(|vertex| vertex.vertex) }),
+        recognition: None,
     })
 }
 

@@ -297,6 +297,9 @@ fn grasp_record(
     record.chosen_face = chosen.and_then(index);
     record.face_is_right = Some(chosen.is_some_and(|face| truth.is_least_occluded(face)));
     record.face_gap_fraction = Some(face.gap_fraction);
+    let recognition = face.recognition;
+    record.face_hypotheses = recognition.and_then(|found| i32::try_from(found.hypotheses).ok());
+    record.face_margin = recognition.map(|found| found.margin);
     if let GraspAnswer::Grasp(_, grasp) = answer {
         of_grasp(&mut record, grasp, chosen.or(best), truth, rig);
     }
@@ -324,6 +327,7 @@ fn of_grasp(
         (record.approach_world_y, record.jaw_world_y) = (Some(normal.y), Some(jaw.y));
         (record.approach_world_z, record.jaw_world_z) = (Some(normal.z), Some(jaw.z));
         record.opening_m = Some(approach.opening_m);
+        record.approach_sigma_deg = approach.normal_sigma_rad.map(f64::to_degrees);
     }
     let Some(meant) = meant else { return };
     let error = grasp_error(grasp, meant, &rig.world_from_camera);

@@ -43,6 +43,16 @@ impl DepthNoise {
 }
 
 impl RangeImage {
+    /// One of a single cell that tells nothing.
+    pub fn blind() -> Self {
+        Self {
+            camera: Camera::pinhole(1, 1, 1.0),
+            world_from_range: Pose::identity(),
+            points: Plane::filled(1, 1, None),
+            noise: DepthNoise::default(),
+        }
+    }
+
     /// The cell whose ray is nearest in direction to the ray through `point` of the colour camera,
     /// clamped to the grid; `None` for a ray that goes backwards, and of a grid without cells.
     pub fn nearest_cell(&self, rig: &Rig, point: ImagePoint) -> Option<(usize, usize)> {

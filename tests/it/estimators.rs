@@ -112,6 +112,7 @@ impl Setup {
             covariances_px2: [Some(covariance_px2); 4],
             gap_fraction: 0.0,
             cuboid: knows_cuboid.then_some(cuboid),
+            recognition: None,
         }
     }
 
@@ -327,6 +328,22 @@ fn what_is_not_known_is_said() {
     assert_eq!(estimate("cell_at_diagonals", &face, &setup.rig, &nothing), Err(NoGrasp::NoRange));
     // Without range the pose of the corners is what there is.
     assert!(estimate("pose_and_plane", &face, &setup.rig, &nothing).is_ok());
+}
+
+#[test]
+fn corners_and_a_range_that_tells_of_something_else_are_no_grasp() {
+    let mut random = Stream::named(&["estimators", "contradiction"]);
+    for _ in 0..20 {
+        let setup = Setup::any(&mut random);
+        let face = setup.face(0.1, true, &mut random);
+        let range = setup.range(64, 0.0, &mut random);
+        assert!(estimate("pose_and_plane", &face, &setup.rig, &range).is_ok());
+        // Something before the face, of which nothing but range tells.
+        let nearer = range.points.map(|point| point.map(|point| Point3::from(0.7 * point.coords)));
+        let other = RangeImage { points: nearer, ..range };
+        let found = estimate("pose_and_plane", &face, &setup.rig, &other);
+        assert_eq!(found, Err(NoGrasp::Contradictory));
+    }
 }
 
 /// A plan that grasps by every way from corners to a face and on to a grasp.

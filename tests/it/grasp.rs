@@ -15,7 +15,7 @@ use cornerbench::geometry::{Camera, ImagePoint, Pose};
 use cornerbench::grasp::{self, Face, FaceSelector, NoFace};
 use cornerbench::image::Plane;
 use cornerbench::registry;
-use cornerbench::sensor::{Encoding, Exposure, Rig, Transfer};
+use cornerbench::sensor::{Encoding, Exposure, RangeImage, Rig, Transfer};
 use cornerbench::target::TargetRegion;
 use geo::{Area, BooleanOps, Coord, LineString, Polygon};
 
@@ -141,8 +141,13 @@ impl Rates {
                     _ => continue,
                 };
                 let start = Instant::now();
-                let answer =
-                    selector.select(&scene.exposure, &scene.region, &scene.corners, &rig());
+                let answer = selector.select(
+                    &scene.exposure,
+                    &scene.region,
+                    &scene.corners,
+                    &rig(),
+                    &RangeImage::blind(),
+                );
                 let took = start.elapsed();
                 rates.selections += 1;
                 rates.total += took;
@@ -227,7 +232,7 @@ const TWO_FACES: [[f64; 2]; 6] =
 
 fn select(scene: &(Exposure, TargetRegion), points: &[[f64; 2]]) -> Result<Face, NoFace> {
     let points: Vec<ImagePoint> = points.iter().copied().map(ImagePoint::from).collect();
-    selector().select(&scene.0, &scene.1, &corners_at(&points), &rig())
+    selector().select(&scene.0, &scene.1, &corners_at(&points), &rig(), &RangeImage::blind())
 }
 
 const LEFT: [[f64; 2]; 4] = [[19.5, 29.5], [63.5, 29.5], [63.5, 89.5], [19.5, 89.5]];

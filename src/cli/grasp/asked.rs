@@ -107,7 +107,7 @@ const CONTROLS: [(&str, &str); 3] = [
 ];
 
 /// What is read of records.
-const COLUMNS: [&str; 29] = [
+const COLUMNS: [&str; 30] = [
     "record_version",
     "scene",
     "scene_recipe_sha256",
@@ -123,6 +123,7 @@ const COLUMNS: [&str; 29] = [
     "grasp_estimator",
     "refined_error_px",
     "grasp_error_mm",
+    "grasp_sigma_mm",
     "approach_error_deg",
     "face_is_right",
     "grasp_world_x_m",

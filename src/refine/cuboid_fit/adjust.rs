@@ -37,6 +37,14 @@ pub(crate) struct Adjusted {
     pub converged: bool,
 }
 
+#[cfg(test)]
+impl Adjusted {
+    /// One that is known as it is.
+    pub(crate) fn certain(cuboid: Cuboid, evidence: f64) -> Self {
+        Self { cuboid, covariance: Information::zeros(), evidence, iterations: 1, converged: true }
+    }
+}
+
 /// A piece of an edge as it was found: where it lies off, how well, and what moves it.
 struct Piece {
     offset_px: f64,

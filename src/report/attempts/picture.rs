@@ -1,5 +1,5 @@
 //! Success over the error of corners: a line for each estimator where corners were moved on purpose, a dot for each
-//! method that found them.
+//! method that found them. And risk over coverage: a line for each method.
 
 use std::collections::BTreeMap;
 
@@ -39,7 +39,7 @@ struct Point<'a> {
 ///
 /// # Errors
 /// [`Error::Other`] from the drawing library.
-pub(super) fn draw(summary: &AttemptSummary) -> Result<Option<String>> {
+pub(super) fn success(summary: &AttemptSummary) -> Result<Option<String>> {
     let points: Vec<Point> = summary
         .methods
         .iter()
@@ -147,5 +147,72 @@ fn paint<'a>(
             .label_font(("sans-serif", 13))
             .draw()?;
     }
+    root.present()
+}
+
+/// Draws the share of failures over the share of grasps that are carried out, the most certain first, as an SVG; `None`
+/// where no method states how certain it is.
+///
+/// # Errors
+/// [`Error::Other`] from the drawing library.
+pub(super) fn risk(summary: &AttemptSummary) -> Result<Option<String>> {
+    let stating = |method: &&MethodAttempts| {
+        !method.is_control && !method.is_moved() && method.risk_coverage.len() > 1
+    };
+    let methods: Vec<&MethodAttempts> =
+        summary.methods.iter().filter(stating).take(LINES.len()).collect();
+    if methods.is_empty() {
+        return Ok(None);
+    }
+    let mut text = String::new();
+    paint_risk(&mut text, summary, &methods)
+        .map_err(|error| Error::Other(format!("the picture of risk over coverage: {error}")))?;
+    Ok(Some(text))
+}
+
+fn paint_risk<'a>(
+    text: &'a mut String,
+    summary: &AttemptSummary,
+    methods: &[&MethodAttempts],
+) -> Outcome<'a> {
+    let points = methods.iter().flat_map(|method| &method.risk_coverage);
+    let most = points.map(|point| 100.0 * point.risk).fold(5.0, f64::max) * 1.1;
+    let root = SVGBackend::with_string(text, SIZE_PX).into_drawing_area();
+    root.fill(&WHITE)?;
+    let mut chart = ChartBuilder::on(&root)
+        .margin(14)
+        .caption(format!("{} with {}", summary.robot, summary.gripper), ("sans-serif", 16))
+        .x_label_area_size(40)
+        .y_label_area_size(52)
+        .build_cartesian_2d(0.0..100.0, 0.0..most)?;
+    chart
+        .configure_mesh()
+        .light_line_style(TRANSPARENT)
+        .label_style(("sans-serif", 13))
+        .axis_desc_style(("sans-serif", 14))
+        .x_desc("scenes in which a grasp is carried out, the most certain first, %")
+        .y_desc("grasps that fail, %")
+        .draw()?;
+    let cameras: std::collections::BTreeSet<_> = methods.iter().map(|of| &of.camera).collect();
+    for (method, colour) in methods.iter().zip(LINES) {
+        let curve = &method.risk_coverage;
+        let line = curve.iter().map(|point| (100.0 * point.coverage, 100.0 * point.risk));
+        let end = line.clone().next_back();
+        let name = match &method.camera {
+            Some(camera) if cameras.len() > 1 => format!("{}, {camera}", method.method),
+            _ => method.method.clone(),
+        };
+        chart
+            .draw_series(LineSeries::new(line, colour.stroke_width(2)))?
+            .label(name)
+            .legend(move |(x, y)| PathElement::new([(x, y), (x + 18, y)], colour.stroke_width(2)));
+        chart.draw_series(end.map(|at| Circle::new(at, 4, colour.filled())))?;
+    }
+    chart
+        .configure_series_labels()
+        .position(SeriesLabelPosition::UpperLeft)
+        .background_style(WHITE.mix(0.8))
+        .label_font(("sans-serif", 13))
+        .draw()?;
     root.present()
 }

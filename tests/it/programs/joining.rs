@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use cornerbench::record::Record;
+use cornerbench::record::{Record, kind, read_records, status};
 use serde_json::Value;
 
 use super::{Bench, CORNERS};
@@ -103,4 +103,66 @@ fn times_are_a_program_s_own_with_the_protocol_s_beside_and_none_of_one_that_fai
     }
     let page = fs::read_to_string(output.join("report/index.html")).expect("a page");
     assert!(page.contains(" + "), "own time and the protocol's");
+}
+
+/// A grasp estimator that looks up the nearest range cell of the face's middle, and tells how to close on it.
+const GRASPS: &str = "import numpy as np
+from cornerbench import Grasp, serve
+
+
+def grasp(question):
+    middle = question.face.mean(axis=0)
+    points = question.range_points_m.reshape(-1, 3)
+    points = points[np.isfinite(points).all(axis=1)]
+    world = points @ question.world_from_range[:, :3].T + question.world_from_range[:, 3]
+    turn, place = question.world_from_camera[:, :3], question.world_from_camera[:, 3]
+    seen = (world - place) @ turn
+    camera = question.camera
+    x = camera['fx_px'] * seen[:, 0] / seen[:, 2] + camera['cx_px']
+    y = camera['fy_px'] * seen[:, 1] / seen[:, 2] + camera['cy_px']
+    nearest = np.hypot(x - middle[0], y - middle[1]).argmin()
+    up = turn.T @ [0.0, 0.0, 1.0]
+    return Grasp(middle, seen[nearest], up, turn.T @ [0.6, 0.8, 0.5], 0.1, 4e-6 * np.eye(3))
+
+
+serve(version='1', grasp=grasp)
+";
+
+#[test]
+fn a_program_s_grasp_has_approach_jaws_and_covariance_in_the_world() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let (file, output) = (folder.path().join("own.py"), folder.path().join("run"));
+    fs::write(&file, GRASPS).expect("written");
+    python();
+    let mut measure = cornerbench();
+    measure.args(["measure", "plain", "--quiet", "--no-timing", "--recipes"]).arg(recipes());
+    measure.arg(plain_dataset()).arg("-o").arg(&output).arg("--with").arg(&file);
+    succeed(measure.env_remove("VIRTUAL_ENV").env_remove("CONDA_PREFIX"));
+    let records = read_records(&output.join("records.parquet")).expect("records");
+    let grasps = |method: &str| -> Vec<&Record> {
+        let of = |row: &&Record| row.method == method && row.kind == kind::GRASP;
+        records.iter().filter(of).collect()
+    };
+    let answered: Vec<&Record> =
+        grasps("own").into_iter().filter(|row| row.status == status::OK).collect();
+    assert!(!answered.is_empty());
+    for row in answered {
+        let close = |value: Option<f64>, wanted: f64| {
+            let value = value.expect("a number");
+            assert!((value - wanted).abs() < 1e-9, "{value} {wanted}");
+        };
+        close(row.approach_world_z, 1.0);
+        // Made square to the approach: what it was along the approach is gone.
+        close(row.jaw_world_x, 0.6);
+        close(row.jaw_world_y, 0.8);
+        close(row.jaw_world_z, 0.0);
+        close(row.opening_m, 0.1);
+        close(row.grasp_sigma_mm, 12.0_f64.sqrt());
+        assert!(row.approach_error_deg.is_some() && row.grasp_nees.is_some());
+        assert_eq!(row.approach_sigma_deg, None);
+        // The same point, looked up the same way.
+        let own = grasps("paper").into_iter().find(|own| own.scene == row.scene).expect("a row");
+        close(row.grasp_world_x_m, own.grasp_world_x_m.expect("a number"));
+        close(row.grasp_error_mm, own.grasp_error_mm.expect("a number"));
+    }
 }
