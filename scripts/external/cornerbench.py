@@ -351,7 +351,7 @@ def _grasped(answer):
     if not isinstance(answer, Grasp):
         point, point_in_camera_m = answer
         answer = Grasp(point, point_in_camera_m)
-    said = {
+    said: dict[str, Any] = {
         "point": _numbers(answer.point),
         "point_in_camera_m": _numbers(answer.point_in_camera_m),
     }
