@@ -8,6 +8,7 @@ use crate::registry::Entry;
 use crate::sensor::Exposure;
 
 pub mod red_difference;
+pub mod red_share;
 
 /// The part of an image that holds the target.
 #[derive(Clone, Debug)]
@@ -115,7 +116,7 @@ pub trait TargetExtractor: Send + Sync {
 }
 
 /// Every extractor that a plan can name, in alphabetical order.
-pub const EXTRACTORS: &[Entry<dyn TargetExtractor>] = &[red_difference::ENTRY];
+pub const EXTRACTORS: &[Entry<dyn TargetExtractor>] = &[red_difference::ENTRY, red_share::ENTRY];
 
 /// The largest 8-connected region of a mask, of equals the one met first row by row; `None` when
 /// the mask is empty.
